@@ -1,0 +1,49 @@
+"""Communication-aware navigation as a Gymnasium benchmark, with exact radio maps and an exact oracle."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from gymnasium.envs.registration import register, registry
+
+if TYPE_CHECKING:
+    from irs_gym.grid import Grid as Grid
+    from irs_gym.oracle import Path as Path
+    from irs_gym.oracle import distance_to_go as distance_to_go
+    from irs_gym.oracle import highest_feasible_target as highest_feasible_target
+    from irs_gym.oracle import shortest_path as shortest_path
+    from irs_gym.radio_map import RadioMap as RadioMap
+    from irs_gym.radio_map import build_phase_shifts as build_phase_shifts
+    from irs_gym.radio_map import build_radio_map as build_radio_map
+    from irs_gym.scene import Scene as Scene
+    from irs_gym.scene import load_scene as load_scene
+
+__version__ = "0.1.0"
+
+# Names are looked up in their modules on first use, so that `import irs_gym` costs little more than gymnasium.
+_HOMES = {
+    "Grid": "grid",
+    "Path": "oracle",
+    "distance_to_go": "oracle",
+    "highest_feasible_target": "oracle",
+    "shortest_path": "oracle",
+    "RadioMap": "radio_map",
+    "build_phase_shifts": "radio_map",
+    "build_radio_map": "radio_map",
+    "Scene": "scene",
+    "load_scene": "scene",
+}
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'irs_gym' has no attribute {name!r}")
+    return getattr(import_module(f"irs_gym.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])
+
+
+if "IrsNav-v0" not in registry:
+    register(id="IrsNav-v0", entry_point="irs_gym.env:IrsNavEnv", max_episode_steps=400)

@@ -1,0 +1,164 @@
+"""The rules of motion: pure, batched functions over cells and actions, and `Tables` that hold all their values."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import floor
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves, octile_distance
+from irs_gym.oracle import distance_to_go, highest_feasible_target
+from irs_gym.task import World
+
+ACTIONS = len(MOVES)
+
+
+class Transition(NamedTuple):
+    """What an action does in a cell; arrays of one shape, or scalars."""
+
+    next_cell: Any  # flat index
+    reward: Any  # metres
+    moved: Any  # metres really travelled
+    is_refused: Any
+    cost: Any  # 1.0 where the target is missed
+    is_terminated: Any
+    is_at_goal: Any
+
+
+def potential(world: World, goal: Cell) -> NDArray[np.float64]:
+    """Shaping potential in metres, shape ``(X, Y)``: minus the octile distance to the goal, zero without shaping."""
+    grid = world.radio_map.grid
+    offsets = np.indices(grid.shape).transpose(1, 2, 0) - np.array(goal)
+    return -octile_distance(offsets) * grid.cell_size * world.task.shaping
+
+
+def transition(world: World, goal: Cell) -> Transition:
+    """The transition of every cell and action, arrays of shape ``(X * Y, 8)``.
+
+    A move into a wall, an obstacle or (unless allowed) a cell below the target leaves the robot where it is and
+    costs the move all the same. Under ``"terminate"``, an attempt to enter a cell below the target also ends the
+    episode. The reward is minus the metres of the move, plus the change of the potential, plus the goal's bonus.
+    """
+    task, grid = world.task, world.radio_map.grid
+    cells = np.arange(world.feasible.size)[:, None]
+    is_legal = action_mask(world).astype(bool)
+    next_cell = np.where(is_legal, cells + MOVES @ np.array([grid.shape[1], 1]), cells)
+    length = np.broadcast_to(MOVE_LENGTHS * grid.cell_size, is_legal.shape)
+    is_at_goal = is_legal & (next_cell == np.ravel_multi_index(goal, grid.shape))
+
+    is_violation = np.zeros_like(is_legal)
+    if task.constraint == "terminate":
+        is_violation = legal_moves(world.radio_map.free).reshape(is_legal.shape) & ~is_legal
+    elif task.constraint == "allow":
+        is_violation = ~world.feasible.ravel()[next_cell]
+
+    phi = potential(world, goal).ravel()
+    reward = -length + (phi[next_cell] - phi[cells]) + task.goal_bonus * is_at_goal
+    ends = is_at_goal | (is_violation & (task.constraint == "terminate"))
+    moved = np.where(is_legal, length, 0.0)
+    return Transition(next_cell, reward, moved, ~is_legal, is_violation.astype(np.float64), ends, is_at_goal)
+
+
+def action_mask(world: World) -> NDArray[np.int8]:
+    """1 where an action is not refused, shape ``(X * Y, 8)``."""
+    return legal_moves(world.enterable).reshape(-1, ACTIONS).astype(np.int8)
+
+
+def start_cells(world: World, to_go: NDArray[np.float64], goal: Cell) -> NDArray[np.int64]:
+    """Cells, as flat indices, that a random start is drawn from: the goal can be reached, and is not yet."""
+    can_reach = np.isfinite(to_go)
+    can_reach[goal] = False
+    return np.flatnonzero(can_reach)
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """All values of the rules for one world and goal, over flat cells, for environments to gather from."""
+
+    world: World
+    goal: Cell
+    transition: Transition  # arrays of shape (X * Y * 8,)
+    action_mask: NDArray[np.int8]  # (X * Y, 8)
+    distance_to_go: NDArray[np.float64]  # (X, Y), metres
+    gain_db: NDArray[np.float64]  # (X * Y,)
+    margin_db: NDArray[np.float64]  # (X * Y,)
+    starts: NDArray[np.int64]  # flat indices
+
+    def __reduce__(self) -> Any:
+        return tabulate, (self.world, self.goal)
+
+
+@lru_cache(maxsize=8)
+def tabulate(world: World, goal: Cell) -> Tables:
+    """Tables of a world for one goal, with one run of Dijkstra; kept, so the same goal costs nothing again.
+
+    Raises
+    ------
+    ValueError
+        Where the task ends on violations and failing at once would pay more than the oracle's path.
+    """
+    grid, task = world.radio_map.grid, world.task
+    to_go = distance_to_go(world.feasible, goal, grid.cell_size)
+    starts = start_cells(world, to_go, goal)
+    detour = float(np.max(to_go.flat[starts] + potential(world, goal).flat[starts], initial=0.0))
+    if task.constraint == "terminate" and detour >= task.goal_bonus:
+        raise ValueError(
+            f"goal_bonus={task.goal_bonus} is too small for constraint='terminate': ending the episode by a violation "
+            f"would pay more than the longest detour of {detour:.3f} m, so a bonus above that is needed"
+        )
+    rules = transition(world, goal)
+    gain_db = world.radio_map.gain_db.ravel()
+    return Tables(
+        world=world,
+        goal=goal,
+        transition=Transition(*(column.ravel() for column in rules)),
+        action_mask=action_mask(world),
+        distance_to_go=to_go,
+        gain_db=gain_db,
+        margin_db=gain_db - task.target_db,
+        starts=starts,
+    )
+
+
+def draw_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
+    """A start drawn among the cells from which the goal can be reached, never the goal itself."""
+    check_cell(world, "goal", goal)
+    starts = tabulate(world, goal).starts
+    if not len(starts):
+        raise ValueError(f"goal={goal} cannot be reached from any other cell at target_db={world.task.target_db}")
+    i, j = np.unravel_index(starts[rng.integers(len(starts))], world.radio_map.grid.shape)
+    return int(i), int(j)
+
+
+def check_cell(world: World, name: str, cell: Cell) -> None:
+    """Refuse a cell off the map or in an obstacle; the ``ValueError`` names it."""
+    if not world.radio_map.grid.has(cell):
+        raise ValueError(f"{name}={cell} lies off the map of {world.radio_map.grid.shape} cells")
+    if not world.radio_map.free[cell]:
+        raise ValueError(f"{name}={cell} lies in an obstacle")
+
+
+def tables_for(world: World, start: Cell, goal: Cell) -> Tables:
+    """Tables for an episode from start to goal, refused before any work where there can be none.
+
+    Raises
+    ------
+    ValueError
+        Where an end lies off the map or in an obstacle, the two are one, or no feasible path joins them; the message
+        then gives the highest feasible target.
+    """
+    check_cell(world, "start", start)
+    check_cell(world, "goal", goal)
+    if start == goal:
+        raise ValueError(f"start={start} must differ from the goal")
+    tables = tabulate(world, goal)
+    if not np.isfinite(tables.distance_to_go[start]):
+        highest = highest_feasible_target(world.radio_map.gain_db, start, goal)
+        # rounded down, so that the number is feasible when typed in
+        advice = (
+            "no target is" if highest == -np.inf else f"the highest feasible target is {floor(highest * 1e4) / 1e4} dB"
+        )
+        raise ValueError(f"target_db={world.task.target_db} is infeasible from {start} to {goal}: {advice}")
+    return tables

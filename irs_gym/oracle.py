@@ -1,0 +1,151 @@
+"""The oracle: exact shortest paths, distances to go and the highest feasible target of a map, as plain arrays."""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, dijkstra, minimum_spanning_tree
+
+from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A path over the grid.
+
+    Attributes
+    ----------
+    distance
+        Its length in metres.
+    cells
+        int64, shape ``(D, 2)``: its cells (i, j) from start to goal.
+    """
+
+    distance: float
+    cells: NDArray[np.int64]
+
+
+def path_length(cells: NDArray[np.int64], cell_size: float) -> float:
+    """Length in metres of a path of neighbouring cells ``(D, 2)``, counted exactly: (a + b sqrt(2)) cell_size."""
+    steps = np.abs(np.diff(cells, axis=0))
+    diagonal = int(np.count_nonzero(steps.sum(axis=1) == 2))
+    straight = int(np.count_nonzero(steps.sum(axis=1) == 1))
+    return (straight + diagonal * sqrt(2.0)) * cell_size
+
+
+def shortest_path(feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_size: float) -> Path | None:
+    """Shortest path over feasible cells: problem (15) of the paper, by Dijkstra's algorithm.
+
+    Parameters
+    ----------
+    feasible
+        Shape ``(X, Y)``.
+    start, goal
+        Cells (i, j).
+    cell_size
+        Edge of a cell in metres.
+
+    Returns
+    -------
+    The path, or None where the goal cannot be reached.
+
+    Raises
+    ------
+    ValueError
+        Where an end lies off the map.
+    """
+    source, target = _flat(feasible, start, "start"), _flat(feasible, goal, "goal")
+    if not (feasible[start] and feasible[goal]):
+        return None
+    _, before = dijkstra(_graph(feasible), indices=source, return_predecessors=True)
+    if source != target and before[target] < 0:
+        return None
+    flat = [target]
+    while flat[-1] != source:
+        flat.append(int(before[flat[-1]]))
+    cells = np.stack(np.unravel_index(flat[::-1], feasible.shape), axis=-1).astype(np.int64)
+    return Path(path_length(cells, cell_size), cells)
+
+
+def distance_to_go(feasible: NDArray[np.bool_], goal: Cell, cell_size: float) -> NDArray[np.float64]:
+    """Length in metres of the shortest path from every cell to the goal.
+
+    Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` for a goal off the map.
+    """
+    target = _flat(feasible, goal, "goal")
+    if not feasible[goal]:
+        return np.full(feasible.shape, np.inf)
+    # Moves are symmetric, so distances from the goal are distances to it.
+    distance = dijkstra(_graph(feasible), indices=target).reshape(feasible.shape)
+    return np.asarray(distance * cell_size)
+
+
+def descend(to_go: NDArray[np.float64], start: Cell, cell_size: float) -> Path:
+    """A shortest path read off the map of distances to go, by the steepest way down.
+
+    Raises
+    ------
+    ValueError
+        Where the goal cannot be reached from ``start``.
+    """
+    _flat(to_go, start, "start")
+    if not np.isfinite(to_go[start]):
+        raise ValueError(f"the goal cannot be reached from start={tuple(start)}")
+    cells = [np.array(start)]
+    while to_go[tuple(cells[-1])] > 0:
+        ahead = cells[-1] + MOVES
+        on_map = np.all((ahead >= 0) & (ahead < to_go.shape), axis=1)
+        ahead, length = ahead[on_map], MOVE_LENGTHS[on_map] * cell_size
+        cells.append(ahead[np.argmin(length + to_go[ahead[:, 0], ahead[:, 1]])])
+    path = np.stack(cells)
+    return Path(path_length(path, cell_size), path)
+
+
+def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cell) -> float:
+    """The highest target in dB at which start and goal are connected, exactly: the widest path's bottleneck.
+
+    The widest path runs in the maximum spanning tree of the free cells. Returns -inf where no path exists at any
+    target. Raises ``ValueError`` for an end off the map.
+
+    Parameters
+    ----------
+    gain_db
+        Shape ``(X, Y)``; -inf in obstacles.
+    """
+    source, target = _flat(gain_db, start, "start"), _flat(gain_db, goal, "goal")
+    # The tree is grown on ranks, 1 for the highest gain: positive weights whose order is that of the gains.
+    levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)
+    first, second, _ = _edges(np.isfinite(gain_db))
+    cost = np.maximum(rank[first], rank[second]) + 1.0
+    tree = minimum_spanning_tree(csr_array((cost, (first, second)), shape=(gain_db.size,) * 2))
+    _, before = breadth_first_order(tree, source, directed=False)
+    cell, widest = target, rank[target]
+    while cell != source:
+        cell = before[cell]
+        if cell < 0:
+            return -np.inf
+        widest = max(widest, rank[cell])
+    return -float(levels[widest])
+
+
+def _flat(array: NDArray[np.generic], cell: Cell, name: str) -> int:
+    if not (0 <= cell[0] < array.shape[0] and 0 <= cell[1] < array.shape[1]):
+        raise ValueError(f"{name}={tuple(cell)} lies off the map of {array.shape} cells")
+    columns: int = array.shape[1]
+    return int(cell[0]) * columns + int(cell[1])
+
+
+def _edges(free: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """All legal moves between free cells as flat indices (from, to) and the number of the move."""
+    steps = MOVES @ np.array([free.shape[1], 1])
+    i, j, move = np.nonzero(legal_moves(free) & free[:, :, None])
+    first = i * free.shape[1] + j
+    return first, first + steps[move], move
+
+
+def _graph(free: NDArray[np.bool_]) -> csr_array:
+    """Weighted graph of eq. (17) over the free cells, lengths in cells."""
+    first, second, move = _edges(free)
+    return csr_array((MOVE_LENGTHS[move], (first, second)), shape=(free.size, free.size))

@@ -1,0 +1,207 @@
+"""`RadioMap`: the expected channel gain of every floor cell, built from a scene, from an array or from a file."""
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irs_gym.geometry import is_in_footprint
+from irs_gym.grid import Grid
+from irs_gym.irs import ArrayModel, Hardware, Quantiser, channel
+from irs_gym.scene import Scene, load_scene
+from irs_gym.units import Floats, linear_to_db
+
+_BLOCK = 2**20  # complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
+
+
+@dataclass(frozen=True, eq=False)
+class RadioMap:
+    """The paper's channel power gain map C over a grid.
+
+    Attributes
+    ----------
+    gain_db
+        float64, shape ``(X, Y)``, read-only: expected channel gain in dB of the cell ``[i, j]``; -inf where a robot
+        cannot be (obstacles) or nothing is received.
+    grid
+        The cells.
+    """
+
+    gain_db: NDArray[np.float64]
+    grid: Grid = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        gain = np.array(self.gain_db, dtype=np.float64)
+        if gain.shape != self.grid.shape:
+            raise ValueError(f"gain_db has the shape {gain.shape}, the grid {self.grid.shape}")
+        if np.isnan(gain).any() or np.isposinf(gain).any():
+            raise ValueError("gain_db holds NaN or +inf: each cell must be a number of dB, or -inf where blocked")
+        gain.setflags(write=False)
+        object.__setattr__(self, "gain_db", gain)
+
+    @classmethod
+    def from_array(cls, gain_db: ArrayLike, cell_size: float, origin: tuple[float, float] = (0.0, 0.0)) -> "RadioMap":
+        """Radio map measured or computed elsewhere.
+
+        Parameters
+        ----------
+        gain_db
+            Shape ``(X, Y)`` in dB, ``[i, j]`` with i along x; -inf in obstacles.
+        cell_size
+            Edge of a cell in metres.
+        origin
+            Lower left corner of the floor in metres.
+
+        Raises
+        ------
+        ValueError
+            Where the array is not 2-D or holds NaN or +inf, or ``cell_size`` is not positive.
+        """
+        gain = np.asarray(gain_db, dtype=np.float64)
+        if gain.ndim != 2 or not gain.size:
+            raise ValueError(f"gain_db has the shape {gain.shape}, but a map has two axes (X, Y)")
+        if not (np.isfinite(cell_size) and cell_size > 0):
+            raise ValueError(f"cell_size={cell_size} must be a positive number of metres")
+        if not np.isfinite(origin).all():
+            raise ValueError(f"origin={origin} must be two finite numbers of metres")
+        grid = Grid((gain.shape[0], gain.shape[1]), float(cell_size), (float(origin[0]), float(origin[1])))
+        return cls(gain, grid=grid)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Cells that a robot can enter, whatever the target: shape ``(X, Y)``."""
+        return np.isfinite(self.gain_db)
+
+    def feasible(self, target_db: float) -> NDArray[np.bool_]:
+        """The feasible map Pi of eq. (16): cells at or above the target, shape ``(X, Y)``."""
+        if np.isnan(target_db):
+            raise ValueError("target_db is NaN: it must be a number of dB")
+        return self.free & (self.gain_db >= target_db)
+
+    def save(self, path: str | Path) -> None:
+        """Write the map as an ``.npz`` file, atomically."""
+        target = Path(path)
+        descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                np.savez_compressed(
+                    file,
+                    format_version=np.int64(1),
+                    gain_db=self.gain_db,
+                    cell_size=np.float64(self.grid.cell_size),
+                    origin=np.array(self.grid.origin),
+                )
+            os.replace(temporary, target)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+
+    @classmethod
+    def load(cls, path: str | Path) -> "RadioMap":
+        """Map written by `save`; never unpickles.
+
+        Raises
+        ------
+        ValueError
+            Where the file is not such a map.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                if int(file["format_version"]) != 1:
+                    raise ValueError(f"its format_version is {int(file['format_version'])}, and 1 is read here")
+                origin = file["origin"]
+                return cls.from_array(file["gain_db"], float(file["cell_size"]), (origin[0], origin[1]))
+        except (ValueError, KeyError, IndexError, EOFError, TypeError, zipfile.BadZipFile) as error:
+            raise ValueError(f"{str(path)!r} is not a radio map: {error}") from None
+
+
+def build_radio_map(
+    scene: Scene | str | Path = "paper",
+    cell_size: float = 0.5,
+    irs_elements: int | None = None,
+    phase_bits: int | None = None,
+    quantiser: Quantiser = "nearest",
+    array_model: ArrayModel = "far_field",
+) -> RadioMap:
+    """The exact expected channel gain of every cell (eq. 15, with the corrections of Lemma 1).
+
+    Parameters
+    ----------
+    scene
+        A scene, its name in the package, or the path of a scene file.
+    cell_size
+        Edge of a cell in metres; must divide both sides of the room.
+    irs_elements
+        Elements on each panel, the paper's M; 0 is its "without IRS". None: as the scene says (1,200 in ``"paper"``).
+    phase_bits, quantiser, array_model
+        See `irs_gym.irs.Hardware`; None for continuous phases.
+
+    Returns
+    -------
+    RadioMap
+        With ``gain_db`` of shape ``(X, Y)``, -inf in cells whose centre lies strictly inside an obstacle. With
+        several access points, each cell is served by the one that gives it the highest gain.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such scene.
+    ValueError
+        Where an argument is out of its range; the message names it.
+    """
+    scene = as_scene(scene).with_irs_elements(irs_elements)
+    hardware, grid = Hardware(phase_bits, quantiser, array_model), scene.grid(cell_size)
+    gain_db = np.full(grid.shape, -np.inf)
+    for cells, positions in _blocks(scene, grid, hardware):
+        gains = [channel(scene, ap, positions).expected_gain(hardware) for ap in scene.access_points]
+        gain_db.flat[cells] = linear_to_db(np.max(gains, axis=0))
+    return RadioMap(gain_db, grid=grid)
+
+
+def build_phase_shifts(
+    scene: Scene | str | Path = "paper",
+    cell_size: float = 0.5,
+    irs_elements: int | None = None,
+    phase_bits: int | None = None,
+    quantiser: Quantiser = "nearest",
+    array_model: ArrayModel = "far_field",
+) -> NDArray[np.float32]:
+    """The phase shift that each sub-surface holds while the robot is in a cell, in [0, 2 pi).
+
+    Same arguments as `build_radio_map`. Shape ``(X, Y, N)`` with N the sub-surfaces of all panels, panel after
+    panel, column after column; zero in obstacles. With several access points, the phases serve the cell's own.
+    """
+    scene = as_scene(scene).with_irs_elements(irs_elements)
+    hardware, grid = Hardware(phase_bits, quantiser, array_model), scene.grid(cell_size)
+    shifts = np.zeros((*grid.shape, sum(panel.subsurfaces for panel in scene.irs_panels)), dtype=np.float32)
+    by_cell = shifts.reshape(-1, shifts.shape[-1])
+    for cells, positions in _blocks(scene, grid, hardware):
+        channels = [channel(scene, ap, positions) for ap in scene.access_points]
+        serving = np.argmax([each.expected_gain(hardware) for each in channels], axis=0)
+        for n, each in enumerate(channels):
+            by_cell[cells[serving == n]] = each.phase_shifts(hardware)[serving == n]
+    return shifts
+
+
+def as_scene(scene: Scene | str | Path) -> Scene:
+    """The scene itself, or the one of that name or path."""
+    return scene if isinstance(scene, Scene) else load_scene(scene)
+
+
+def _blocks(scene: Scene, grid: Grid, hardware: Hardware) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+    """Free cells as flat indices ``(n,)`` and antenna positions ``(n, 3)``, block by block."""
+    floor = grid.centres().reshape(-1, 2)
+    free = np.flatnonzero(~is_in_footprint(floor, scene.boxes))
+    is_spherical = hardware.array_model == "spherical"
+    width = max([p.elements if is_spherical else p.subsurfaces for p in scene.irs_panels], default=1)
+    needs_array = is_spherical or hardware.levels is not None
+    block = max(1, min(2**15, _BLOCK // width)) if needs_array else 2**15
+    for first in range(0, len(free), block):
+        cells = free[first : first + block]
+        height = np.full((len(cells), 1), scene.antenna_height)
+        yield cells, np.concatenate([floor[cells], height], axis=1)

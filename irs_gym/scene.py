@@ -1,0 +1,285 @@
+"""`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated, loaded and saved."""
+
+import os
+import tempfile
+from importlib import resources
+from operator import index
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from irs_gym.geometry import Boxes, is_in_footprint
+from irs_gym.grid import Grid
+
+Positive = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
+Point2 = tuple[float, float]
+Point3 = tuple[float, float, float]
+Wall = Literal["x_min", "x_max", "y_min", "y_max"]
+
+
+class _Part(BaseModel):
+    """What every part of a scene is: frozen, of finite numbers, without unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Room(_Part):
+    """The rectangular floor and the ceiling, in metres; the floor is at z = 0."""
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+    height: Positive
+
+    @property
+    def lower(self) -> Point2:
+        """Lower left corner of the floor."""
+        return self.x_min, self.y_min
+
+    @property
+    def upper(self) -> Point2:
+        """Upper right corner of the floor."""
+        return self.x_max, self.y_max
+
+    @model_validator(mode="after")
+    def _has_an_area(self) -> Self:
+        if not (self.x_max > self.x_min and self.y_max > self.y_min):
+            raise ValueError("x_max must be greater than x_min, and y_max than y_min")
+        return self
+
+    def holds(self, point: Point2 | Point3) -> bool:
+        """Whether a point lies in the room, its walls included."""
+        height = point[2] if len(point) == 3 else 0.0
+        return (
+            self.x_min <= point[0] <= self.x_max and self.y_min <= point[1] <= self.y_max and 0 <= height <= self.height
+        )
+
+
+class Obstacle(_Part):
+    """A box on the floor that robots cannot enter and that blocks line of sight."""
+
+    center: Point2  # of its footprint
+    size: tuple[Positive, Positive, Positive]  # along x, along y, height
+
+    @property
+    def lower(self) -> Point3:
+        """Lower corner in metres."""
+        return self.center[0] - self.size[0] / 2, self.center[1] - self.size[1] / 2, 0.0
+
+    @property
+    def upper(self) -> Point3:
+        """Upper corner in metres."""
+        return self.center[0] + self.size[0] / 2, self.center[1] + self.size[1] / 2, self.size[2]
+
+
+class AccessPoint(_Part):
+    """A single-antenna access point."""
+
+    position: Point3
+
+
+class IrsPanel(_Part):
+    """A reflecting surface on a wall: columns x rows of sub-surfaces, each of several elements.
+
+    All elements of a sub-surface share one phase shift. Columns run along the wall, rows along z; the panel
+    is centred on `position`.
+    """
+
+    position: Point3
+    wall: Wall
+    columns: Count
+    rows: Count
+    elements_per_subsurface: tuple[Count, Count]  # along the wall, along z
+    pitch_wavelengths: Positive  # between neighbouring elements, both ways
+
+    @property
+    def elements_per_row(self) -> int:
+        """Elements in one row of sub-surfaces."""
+        along, up = self.elements_per_subsurface
+        return self.columns * along * up
+
+    @property
+    def elements(self) -> int:
+        """Number of elements, the paper's M."""
+        return self.rows * self.elements_per_row
+
+    @property
+    def subsurfaces(self) -> int:
+        """Number of sub-surfaces, the paper's N."""
+        return self.columns * self.rows
+
+    @property
+    def along_wall(self) -> NDArray[np.float64]:
+        """Unit vector ``(3,)`` of the columns."""
+        return np.array([0.0, 1.0, 0.0] if self.wall.startswith("x") else [1.0, 0.0, 0.0])
+
+
+class PathLossCoefficients(_Part):
+    """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), all in dB."""
+
+    intercept_db: float
+    distance_slope_db: float
+    frequency_slope_db: float
+
+
+class PathLoss(_Part):
+    """Coefficients with and without line of sight (3GPP TR 38.901, table 7.4.1-1, InF-SH in the paper)."""
+
+    line_of_sight: PathLossCoefficients
+    non_line_of_sight: PathLossCoefficients
+
+
+class Scene(_Part):
+    """A factory and the task in it. Lengths in metres, z = 0 on the floor.
+
+    Any mistake raises a ``ValueError`` that names the field.
+    """
+
+    format_version: Literal[1] = 1
+    name: str
+    room: Room
+    obstacles: tuple[Obstacle, ...]
+    access_points: Annotated[tuple[AccessPoint, ...], Field(min_length=1)]
+    irs_panels: tuple[IrsPanel, ...]
+    antenna_height: Positive
+    start: Point2
+    goal: Point2
+    carrier_ghz: Positive
+    rician_factor_db: float
+    path_loss: PathLoss
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        mistakes = [*self._misplaced_parts(), *self._misplaced_ends()]
+        if mistakes:
+            raise ValueError("; ".join(mistakes))
+        return self
+
+    def _misplaced_parts(self) -> list[str]:
+        room, mistakes = self.room, []
+        for n, box in enumerate(self.obstacles):
+            if not (room.holds(box.lower) and room.holds(box.upper)):
+                mistakes.append(f"obstacles[{n}] reaches from {box.lower} to {box.upper}, outside the room")
+        for n, point in enumerate(self.access_points):
+            if not room.holds(point.position):
+                mistakes.append(f"access_points[{n}].position={point.position} lies outside the room")
+        for n, panel in enumerate(self.irs_panels):
+            where, wall = panel.position["xy".index(panel.wall[0])], getattr(room, panel.wall)
+            if not room.holds(panel.position) or where != wall:
+                mistakes.append(
+                    f"irs_panels[{n}].position={panel.position} must lie on its wall, {panel.wall[0]} = {wall}"
+                )
+            if any(panel.position == point.position for point in self.access_points):
+                mistakes.append(f"irs_panels[{n}].position={panel.position} coincides with an access point")
+        if not self.antenna_height <= room.height:
+            mistakes.append(f"antenna_height={self.antenna_height} exceeds the room's height {room.height}")
+        return mistakes
+
+    def _misplaced_ends(self) -> list[str]:
+        mistakes = []
+        for field in ("start", "goal"):
+            point = getattr(self, field)
+            if not self.room.holds(point):
+                mistakes.append(f"{field}={point} lies outside the room {self.room.lower} to {self.room.upper}")
+            elif is_in_footprint(np.array(point), self.boxes):
+                mistakes.append(f"{field}={point} lies inside an obstacle")
+        if self.start == self.goal:
+            mistakes.append(f"goal={self.goal} must differ from start")
+        return mistakes
+
+    @property
+    def boxes(self) -> Boxes:
+        """The obstacles as arrays."""
+        corners = [(box.lower, box.upper) for box in self.obstacles]
+        both = np.array(corners, dtype=np.float64).reshape(-1, 2, 3)
+        return Boxes(both[:, 0], both[:, 1])
+
+    def grid(self, cell_size: float) -> Grid:
+        """Grid over the floor; raises ``ValueError`` where ``cell_size`` (metres) does not divide the room."""
+        return Grid.tile(self.room.lower, self.room.upper, cell_size)
+
+    def with_irs_elements(self, irs_elements: int | None) -> "Scene":
+        """The scene with ``irs_elements`` elements on each panel: its rows grow or shrink.
+
+        0 removes the panels (the paper's "without IRS"); None keeps them as they are.
+
+        Raises
+        ------
+        ValueError
+            Where the elements do not fill whole rows of sub-surfaces, or the scene has no panel to put them on.
+        """
+        if irs_elements is None:
+            return self
+        elements = index(irs_elements)
+        if elements == 0:
+            return self.model_copy(update={"irs_panels": ()})
+        if not self.irs_panels:
+            raise ValueError(f"irs_elements={elements} needs an IRS panel, and scene {self.name!r} lists none")
+        panels = tuple(_with_elements(panel, elements) for panel in self.irs_panels)
+        return self.model_copy(update={"irs_panels": panels})
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene as JSON, atomically."""
+        target = Path(path)
+        descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        try:
+            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+                file.write(self.model_dump_json(indent=2) + "\n")
+            os.replace(temporary, target)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+
+
+def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:
+    step = panel.elements_per_row
+    rows, rest = divmod(elements, step)
+    if rest or rows < 1:
+        below, above = max(rows, 0) * step, (max(rows, 0) + 1) * step
+        raise ValueError(
+            f"irs_elements={elements} does not fill whole rows of sub-surfaces: a row of {panel.columns} sub-surfaces "
+            f"of {step // panel.columns} elements takes {step}, so {below} or {above} would fit"
+        )
+    return panel.model_copy(update={"rows": rows})
+
+
+def scene_names() -> list[str]:
+    """Names of the scenes in the package."""
+    files = resources.files("irs_gym").joinpath("scenes").iterdir()
+    return sorted(file.name.removesuffix(".json") for file in files if file.name.endswith(".json"))
+
+
+def load_scene(source: str | Path) -> Scene:
+    """Scene of the package by its name (``"paper"``), or from a JSON file by its path.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is neither such a scene nor such a file.
+    ValueError
+        Where the file is not a valid scene; the message names each field at fault.
+    """
+    if source in scene_names():
+        text = resources.files("irs_gym").joinpath("scenes", f"{source}.json").read_text(encoding="utf-8")
+    elif Path(source).is_file():
+        text = Path(source).read_text(encoding="utf-8")
+    else:
+        raise FileNotFoundError(f"scene={str(source)!r} is neither a file nor one of the scenes {scene_names()}")
+    try:
+        return Scene.model_validate_json(text)
+    except ValidationError as error:
+        raise ValueError(f"scene {str(source)!r}: {_in_one_line(error)}") from None
+
+
+def _in_one_line(error: ValidationError) -> str:
+    mistakes = []
+    for mistake in error.errors(include_url=False):
+        field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]).lstrip(".")
+        given = "" if isinstance(mistake["input"], dict | str) and not field else f" (got {mistake['input']!r})"
+        mistakes.append(f"{field}: {mistake['msg']}{given}" if field else mistake["msg"])
+    return "; ".join(mistakes)

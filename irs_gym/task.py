@@ -1,0 +1,186 @@
+"""`Task`: the arguments of an environment, checked, and `World`: all that they fix once and for all."""
+
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from math import isfinite
+from operator import index
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.grid import Cell
+from irs_gym.irs import ArrayModel, Hardware, Quantiser
+from irs_gym.radio_map import RadioMap, as_scene, build_phase_shifts, build_radio_map
+from irs_gym.scene import Scene
+
+Constraint = Literal["refuse", "terminate", "allow"]
+Observation = Literal["dict", "flat", "map"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What `IrsNav-v0` is made of; each field is an argument of `gymnasium.make`. All have defaults.
+
+    Raises ``ValueError`` where a value is out of its range; the message names the field.
+    """
+
+    scene: str | Path | Scene = "paper"
+    """A scene's name in the package, the path of a scene file, or a scene."""
+    target_db: float = -61.8
+    """Lowest expected channel gain in dB that keeps the robot connected."""
+    cell_size: float = 0.5
+    """Edge of a cell in metres."""
+    irs_elements: int | None = None
+    """Elements on each IRS panel, the paper's M; 0 for no IRS; None as the scene says (1,200 in "paper")."""
+    phase_bits: int | None = None
+    """Resolution of the phase shifters; None for continuous phases."""
+    quantiser: Quantiser = "nearest"
+    """How continuous phases are rounded to `phase_bits`."""
+    array_model: ArrayModel = "far_field"
+    """How the array of elements is modelled."""
+    patch_radius: int = 5
+    """Cells that the robot sees around itself in each direction."""
+    observation: Observation = "dict"
+    """"dict", the same packed as "flat", or the whole "map" as image channels."""
+    irs_phases: bool = True
+    """Whether the observation holds the phase shift of each sub-surface."""
+    constraint: Constraint = "refuse"
+    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed at a cost."""
+    random_start: float = False
+    """Probability of a start drawn among the cells from which the goal can be reached; True is 1."""
+    shaping: bool = True
+    """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
+    goal_bonus: float = 10.0
+    """Reward at the goal, in metres."""
+    radio_map: str | Path | RadioMap | None = None
+    """A map, or the path of a saved one, in place of the scene's."""
+    start: Cell | None = None
+    """Cell (i, j) in place of the scene's start; needed with `radio_map`."""
+    goal: Cell | None = None
+    """Cell (i, j) in place of the scene's goal; needed with `radio_map`."""
+
+    def __post_init__(self) -> None:
+        Hardware(self.phase_bits, self.quantiser, self.array_model)
+        for name, choices in (("observation", Observation), ("constraint", Constraint)):
+            if getattr(self, name) not in get_args(choices):
+                raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}")
+        for name in ("target_db", "goal_bonus"):
+            if not _is_number(getattr(self, name)) or not isfinite(getattr(self, name)):
+                raise ValueError(f"{name}={getattr(self, name)!r} must be a finite number")
+        if self.goal_bonus < 0:
+            raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
+        if not _is_number(self.random_start) or not 0 <= self.random_start <= 1:
+            raise ValueError(f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1")
+        if not isinstance(self.patch_radius, int | np.integer) or not 0 <= self.patch_radius <= 100:
+            raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
+        for name in ("start", "goal"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, as_cell(getattr(self, name), name))
+        if self.radio_map is not None:
+            self._check_foreign_map()
+
+    def _check_foreign_map(self) -> None:
+        for name in ("start", "goal"):
+            if getattr(self, name) is None:
+                raise ValueError(f"{name} must be given as a cell (i, j) along with radio_map")
+        scene_only = ("scene", "cell_size", "irs_elements", "phase_bits", "quantiser", "array_model")
+        defaults = {each.name: each.default for each in fields(self)}
+        given = [name for name in scene_only if getattr(self, name) != defaults[name]]
+        if given:
+            raise ValueError(f"{', '.join(given)} cannot be given along with radio_map, which fixes the map")
+
+
+def task_of(arguments: dict[str, Any]) -> Task:
+    """Task of an environment's keyword arguments; a ``TypeError`` lists the known names for an unknown one."""
+    known = [each.name for each in fields(Task)]
+    unknown = sorted(set(arguments) - set(known))
+    if unknown:
+        raise TypeError(f"unknown argument {', '.join(unknown)}: the arguments are {', '.join(known)} and render_mode")
+    return Task(**arguments)
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A task with its map: arrays that never change, shared by all environments of that task."""
+
+    task: Task
+    scene: Scene | None
+    radio_map: RadioMap
+    start: Cell
+    goal: Cell
+    feasible: NDArray[np.bool_]  # (X, Y)
+    irs: NDArray[np.float32] = field(repr=False)  # (X, Y, 3 + N), what the observation tells of the IRS, in [-1, 1]
+
+    @property
+    def enterable(self) -> NDArray[np.bool_]:
+        """Cells that a move may end in, shape ``(X, Y)``."""
+        return self.radio_map.free if self.task.constraint == "allow" else self.feasible
+
+    def __reduce__(self) -> Any:
+        # A copy is the same world: rebuilt from its task in another process, shared in this one.
+        return build_world, (self.task,)
+
+
+def build_world(task: Task) -> World:
+    """World of a task; equal tasks share one.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where a scene or map file does not exist.
+    ValueError
+        Where the scene, the map or an argument is at fault.
+    """
+    if task.radio_map is None:
+        return _build_world(replace(task, scene=as_scene(task.scene)))
+    if not isinstance(task.radio_map, RadioMap):
+        task = replace(task, radio_map=RadioMap.load(task.radio_map))
+    return _build_world(task)
+
+
+@lru_cache(maxsize=16)
+def _build_world(task: Task) -> World:
+    scene = None
+    if isinstance(task.radio_map, RadioMap):
+        radio_map, start, goal = task.radio_map, task.start, task.goal
+        settings = np.full(3, -1.0)
+        shifts = np.zeros((*radio_map.grid.shape, 0), dtype=np.float32)
+    else:
+        assert isinstance(task.scene, Scene)
+        scene = task.scene.with_irs_elements(task.irs_elements)
+        hardware = (task.phase_bits, task.quantiser, task.array_model)
+        radio_map = build_radio_map(scene, task.cell_size, None, *hardware)
+        start = task.start or radio_map.grid.cell_of(scene.start)
+        goal = task.goal or radio_map.grid.cell_of(scene.goal)
+        settings = _irs_settings(scene, task.phase_bits)
+        wanted = scene if task.irs_phases else scene.with_irs_elements(0)
+        shifts = build_phase_shifts(wanted, task.cell_size, None, *hardware)
+    assert start is not None  # Task asks for both along with a map
+    assert goal is not None
+    spread = np.broadcast_to(settings.astype(np.float32), (*radio_map.grid.shape, 3))
+    irs = np.concatenate([spread, np.clip(shifts / np.float32(np.pi) - 1, -1, 1)], axis=-1)
+    return World(task, scene, radio_map, start, goal, radio_map.feasible(task.target_db), irs)
+
+
+def _irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
+    """Presence (-1 or 1), resolution (1 - 2/L, 1 if continuous) and size (1 - 2/(1 + M/1000)) of the IRS."""
+    elements = sum(panel.elements for panel in scene.irs_panels)
+    if not elements:
+        return np.full(3, -1.0)
+    resolution = 1.0 if phase_bits is None else 1.0 - 2.0 / 2**phase_bits
+    return np.array([1.0, resolution, 1.0 - 2.0 / (1.0 + elements / 1000.0)])
+
+
+def as_cell(value: Any, name: str) -> Cell:
+    """A cell (i, j) of two integers; a ``ValueError`` names the field otherwise."""
+    try:
+        i, j = value
+        return index(i), index(j)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}={value!r} must be a cell (i, j) of two integers") from None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number)

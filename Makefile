@@ -1,0 +1,60 @@
+# make test    install once into .venv, run the tests        make demo   train PPO on the paper's scene and score it
+# make check   ruff, mypy, import layers, the wheel           make pin    write constraints.txt anew
+# make clean   remove .venv, caches and builds (runs/ stays)
+PYTHON ?= python3.11
+VENV ?= .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+
+PYTEST_ARGS ?= -n auto
+DEMO_RUN ?= runs/demo
+DEMO_TRAIN ?= -m train ppo --out $(DEMO_RUN)
+DEMO_SCORE ?= -m eval score $(DEMO_RUN)
+
+.DELETE_ON_ERROR:
+.PHONY: test check lint types layers wheel demo pin clean
+
+test: $(INSTALLED)
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+check: lint types layers wheel
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(INSTALLED)
+	$(BIN)/mypy
+
+layers: $(INSTALLED)
+	$(BIN)/lint-imports
+
+wheel: $(INSTALLED)
+	$(BIN)/python .ci/check_wheel.py
+
+demo: $(INSTALLED)
+	$(BIN)/python $(DEMO_TRAIN)
+	$(BIN)/python $(DEMO_SCORE)
+
+$(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing irs_gym, its trainers and its test tools into $(VENV): a few minutes, once"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[train,test]" -c constraints.txt
+	@touch $@
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+# torch moves by hand, once all its builds (CPU and CUDA) are out. Each build has a tag (+cpu) and GPU packages of its
+# own, which are left out, so that the pins hold for any of them.
+PIN_TORCH ?= torch==2.13.0
+
+pin:
+	tmp=$$(mktemp -d) && trap 'rm -rf "$$tmp"' EXIT && $(PYTHON) -m venv "$$tmp" && \
+	"$$tmp/bin/python" -m pip install --quiet ".[train,test,geometry,sionna,peers]" "$(PIN_TORCH)" && \
+	"$$tmp/bin/python" -m pip freeze --all --exclude pip --exclude irs_gym > "$$tmp/freeze" && \
+	sed -e 's/+.*//' -e '/^nvidia/d' -e '/^cuda/d' -e '/^triton/d' "$$tmp/freeze" > "$$tmp/constraints.txt" && \
+	mv "$$tmp/constraints.txt" constraints.txt
+
+clean:
+	rm -rf $(VENV) build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

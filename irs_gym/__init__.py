@@ -46,4 +46,9 @@ def __dir__() -> list[str]:
 
 
 if "IrsNav-v0" not in registry:
-    register(id="IrsNav-v0", entry_point="irs_gym.env:IrsNavEnv", max_episode_steps=400)
+    register(
+        id="IrsNav-v0",
+        entry_point="irs_gym.env:IrsNavEnv",
+        vector_entry_point="irs_gym.vector_env:IrsNavVectorEnv",
+        max_episode_steps=400,
+    )

@@ -16,6 +16,20 @@ from irs_gym.oracle import Path, descend
 from irs_gym.task import Task, World, as_cell, build_world, task_of
 
 
+INFO_KEYS = (
+    "distance",  # metres travelled
+    "refused",  # moves refused so far
+    "distance_to_go",  # metres of the shortest feasible path to the goal, inf where there is none
+    "gain_db",
+    "margin_db",
+    "action_mask",
+    "is_refused",
+    "cost",
+    "is_success",
+    "spl",
+)
+
+
 class IrsNavEnv(gymnasium.Env[Any, int]):
     """A robot crosses a factory while it stays connected to its access point.
 
@@ -98,7 +112,10 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
 
     @property
     def path(self) -> NDArray[np.int64]:
-        """Cells of this episode so far, shape ``(T, 2)``, refused moves left out."""
+        """Cells of this episode so far, shape ``(T, 2)``, refused moves left out.
+
+        ``info["path"]`` holds it at termination; the step limit is not this environment's, so read it here then.
+        """
         return np.stack(np.unravel_index(self._trail, self.radio_map.grid.shape), axis=-1)
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -111,14 +128,13 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; ``options`` may hold ``start`` and ``goal``, cells (i, j)."""
         super().reset(seed=seed)
-        given = _checked(options)
+        given = checked_options(options)
         goal = given.get("goal", self.world.goal)
         start = given.get("start") or self._draw_start(goal)
         self._enter(start, goal)
         return self._observer.observe(self._cell), {
             **self._info(),
             "oracle_distance": float(self._tables.distance_to_go[start]),
-            "path": self.path,
         }
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -132,14 +148,13 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         if not is_refused:
             self._trail.append(next_cell)
         self._cell = next_cell
-        self._steps += 1
         self._distance += moved
         self._refused += is_refused
         self._has_violated = self._has_violated or cost > 0
         self._is_running = not is_terminated
         info = self._info(is_refused, cost, is_at_goal and not self._has_violated)
-        if is_terminated or self._steps == self._limit:
-            info["path"] = self.path
+        if is_terminated:
+            info["path"] = [tuple(cell) for cell in self.path.tolist()]
         return self._observer.observe(next_cell), reward, is_terminated, False, info
 
     def render(self) -> Any:
@@ -160,13 +175,10 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         self._start, self._goal = start, goal
         self._cell = int(np.ravel_multi_index(start, self.radio_map.grid.shape))
         self._trail: list[int] = [self._cell]
-        self._steps: int = 0
         self._distance: float = 0.0
         self._refused: int = 0
         self._has_violated: bool = False
         self._is_running: bool = True
-        # TimeLimit truncates outside; its limit is known here only to hand out the path at the last step.
-        self._limit: int | None = self.spec.max_episode_steps if self.spec else None
 
     def _info(self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False) -> dict[str, Any]:
         tables, cell = self._tables, self._cell
@@ -201,7 +213,8 @@ def _checked_action(action: Any) -> int:
     return number
 
 
-def _checked(options: dict[str, Any] | None) -> dict[str, Cell]:
+def checked_options(options: dict[str, Any] | None) -> dict[str, Cell]:
+    """Start and goal of `reset`'s options; a ``ValueError`` names an unknown key or a value that is no cell."""
     unknown = sorted(set(options or {}) - {"start", "goal"})
     if unknown:
         raise ValueError(f"options has the unknown key {', '.join(unknown)}: it may hold start and goal, cells (i, j)")

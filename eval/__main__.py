@@ -1,0 +1,27 @@
+"""`python -m eval COMMAND`: each command is the function `main` of `eval/COMMAND.py`."""
+
+import sys
+from importlib import import_module
+
+import tyro
+
+# Modules are imported when their command is run, so that none pays for the packages of another.
+COMMANDS = {
+    "score": "score a trained run against the oracle and draw both paths over the map",
+}
+
+
+def main() -> int:
+    """Run the command named first; its arguments make the rest of the command line. Returns the exit status."""
+    name, *arguments = sys.argv[1:] or ["--help"]
+    if name not in COMMANDS:
+        width = max(map(len, COMMANDS))
+        print("usage: python -m eval COMMAND [--help]\n")
+        print("\n".join(f"  {command:<{width}}  {summary}" for command, summary in COMMANDS.items()))
+        return 0 if name in ("-h", "--help") else 2
+    command = import_module(f"eval.{name}").main
+    return tyro.cli(command, args=arguments, prog=f"python -m eval {name}") or 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,48 @@
+"""`text`: one frame of an episode in plain characters."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irs_gym.grid import Grid
+from irs_gym.rendering.layout import rows_from_top
+from irs_gym.rendering.view import Point, View, checked_cells
+
+
+def text(view: View, trail: ArrayLike) -> str:
+    """The same as `draw` in plain characters, one a cell within a border, under a line of numbers and over a legend.
+
+    Raises
+    ------
+    ValueError
+        Where ``trail`` is not of shape ``(T, 2)``, T >= 1, or leaves the grid.
+    """
+    cells = checked_cells(view.grid, trail, "trail")
+    marks = np.full(np.add(view.grid.shape, 2), "+")
+    marks[1:-1, [0, -1]], marks[[0, -1], 1:-1] = "-", "|"
+    marks[1:-1, 1:-1] = np.where(view.is_obstacle, "#", np.where(view.is_below, "~", "."))
+    for mark, where in (
+        ("o", np.reshape(view.oracle_cells, (-1, 2)).astype(np.int64) + 1),
+        ("*", cells + 1),
+        ("S", np.add([view.start], 1)),
+        ("G", np.add([view.goal], 1)),
+        ("A", _bordered_cells(view.grid, view.access_points)),
+        ("I", _bordered_cells(view.grid, view.irs_panels)),
+        ("R", cells[-1:] + 1),
+    ):
+        marks[where[:, 0], where[:, 1]] = mark
+    gain_db = view.gain_db[tuple(cells[-1])]
+    return "\n".join(
+        [
+            f"target {view.target_db:.2f} dB   gain {gain_db:.2f} dB   margin {gain_db - view.target_db:+.2f} dB",
+            *("".join(row) for row in rows_from_top(marks)),
+            "R robot   * robot path   o oracle path   S start   G goal   A access point   I IRS panel",
+            ". feasible   ~ below target   # obstacle",
+        ]
+    )
+
+
+def _bordered_cells(grid: Grid, points: tuple[Point, ...]) -> NDArray[np.int64]:
+    """Cells ``(n, 2)`` of points in metres, counted from 1; 0 and X + 1 or Y + 1 where a point is on a wall."""
+    inside = (np.reshape(points, (-1, 2)) - grid.origin) / grid.cell_size
+    cells = np.where(inside <= 1e-9, 0.0, np.floor(inside + 1e-9) + 1.0)
+    return np.clip(cells, 0, np.add(grid.shape, 1)).astype(np.int64)

@@ -1,0 +1,50 @@
+"""`draw`: one frame of an episode as a picture."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irs_gym.rendering import ink
+from irs_gym.rendering.background import ROBOT, trace
+from irs_gym.rendering.view import View, checked_cells
+
+
+def draw(view: View, trail: ArrayLike) -> NDArray[np.uint8]:
+    """One frame: the view's background, the robot with its trail, and its margin over the target.
+
+    Parameters
+    ----------
+    view
+        What does not change within the episode; its background is drawn at the first frame and kept with it.
+    trail
+        Shape ``(T, 2)``, T >= 1: the cells visited so far. The robot is on the last one.
+
+    Returns
+    -------
+    A fresh uint8 array of shape ``(H, W, 3)``; the longer of H and W is ``view.size``.
+
+    Raises
+    ------
+    ValueError
+        Where ``trail`` is not of that shape or leaves the grid.
+    """
+    from PIL import ImageDraw
+
+    cells = checked_cells(view.grid, trail, "trail")
+    layout, frame = view.background.layout, view.background.image.copy()
+    corners = layout.cell_pixels(_corners(cells))
+    if len(corners) > 1:
+        trace(frame, corners, layout.em)
+    ink.mark(frame, ink.DISC, corners[-1], layout.em, ROBOT)
+    margin_db = view.gain_db[tuple(cells[-1])] - view.target_db
+    margin = f"margin {margin_db:+.2f} dB"
+    ImageDraw.Draw(frame).text(view.background.margin_at, margin, ink.BLACK, ink.font(layout.em), anchor="ls")
+    return np.array(frame)
+
+
+def _corners(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The ends of a trail ``(T, 2)`` and the cells where it changes direction, repeated cells left out."""
+    cells = cells[np.append(np.diff(cells, axis=0).any(axis=1), True)]
+    moves = np.diff(cells, axis=0)
+    is_corner = np.ones(len(cells), dtype=bool)
+    is_corner[1:-1] = (moves[1:] != moves[:-1]).any(axis=1)
+    return cells[is_corner]

@@ -1,0 +1,91 @@
+"""`View`: all of an episode that does not change from frame to frame."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irs_gym.grid import Cell, Grid
+from irs_gym.rendering.background import Background
+from irs_gym.rendering.ink import Floats
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """All of an episode that does not change from frame to frame.
+
+    Attributes
+    ----------
+    gain_db
+        Shape ``(X, Y)``, ``[i, j]``: channel gain of each cell in dB, -inf in obstacles.
+    target_db
+        Least gain in dB that the robot must keep.
+    grid
+        The cells' place on the floor.
+    access_points, irs_panels
+        Points ``(x, y)`` in metres, none to many; a panel is drawn along the nearest wall.
+    start, goal
+        Cells ``(i, j)``.
+    oracle_cells
+        Shape ``(D, 2)``: the cells of the shortest path, possibly none.
+    size
+        Longest side of the picture in px, 320 or more.
+
+    Raises
+    ------
+    ValueError
+        Where a field has the wrong shape, a cell is off the grid, or a number cannot be drawn.
+    """
+
+    gain_db: Floats
+    target_db: float
+    grid: Grid
+    access_points: tuple[Point, ...]
+    irs_panels: tuple[Point, ...]
+    start: Cell
+    goal: Cell
+    oracle_cells: NDArray[np.integer[Any]]
+    size: int = 512
+
+    def __post_init__(self) -> None:
+        if self.gain_db.shape != self.grid.shape:
+            raise ValueError(f"gain_db has shape {self.gain_db.shape}, but the grid {self.grid.shape}")
+        if not np.isfinite(self.gain_db).any() or not np.all(self.gain_db < np.inf):
+            raise ValueError("gain_db must hold a finite gain in at least one cell, and neither NaN nor +inf")
+        if not np.isfinite(self.target_db):
+            raise ValueError(f"target_db={self.target_db} must be a finite number of dB")
+        if self.size < 320:
+            raise ValueError(f"size={self.size} px is too small for a readable picture: it must be 320 or more")
+        for name, cells in (("start", [self.start]), ("goal", [self.goal]), ("oracle_cells", self.oracle_cells)):
+            if len(cells):
+                checked_cells(self.grid, cells, name)
+
+    @cached_property
+    def is_obstacle(self) -> NDArray[np.bool_]:
+        """Cells that no robot can enter, shape ``(X, Y)``."""
+        return np.isneginf(self.gain_db)
+
+    @cached_property
+    def is_below(self) -> NDArray[np.bool_]:
+        """Free cells whose gain is below the target, shape ``(X, Y)``."""
+        return (self.gain_db < self.target_db) & ~self.is_obstacle
+
+    @cached_property
+    def background(self) -> Background:
+        """What all frames share, drawn at the first one."""
+        return Background(self)
+
+
+def checked_cells(grid: Grid, cells: ArrayLike, name: str) -> NDArray[np.int64]:
+    """Cells as an int64 array ``(T, 2)``; a ValueError where they are not cells of the grid, or none."""
+    array = np.asarray(cells)
+    if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0 or array.dtype.kind not in "iu":
+        raise ValueError(f"{name} must be integers of shape (T, 2) with T >= 1, not {array.dtype} {array.shape}")
+    outside = ((array < 0) | (array >= grid.shape)).any(axis=1)
+    if outside.any():
+        raise ValueError(f"{name} holds {tuple(array[outside][0].tolist())}, which is off the grid of {grid.shape}")
+    return array.astype(np.int64)

@@ -6,7 +6,8 @@ E, NE, N, NW, W, SW, S, SE.
 """
 
 from dataclasses import dataclass
-from math import floor, sqrt
+from math import floor, isfinite, sqrt
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,11 +35,21 @@ class Grid:
         Edge of a cell in metres (the paper's Delta).
     origin
         Lower left corner ``(x, y)`` of the floor in metres.
+
+    Raises
+    ------
+    ValueError
+        Where ``cell_size`` is not positive and finite, or ``origin`` is not two finite numbers.
     """
 
     shape: tuple[int, int]
     cell_size: float
     origin: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        _check_cell_size(self.cell_size)
+        if np.shape(self.origin) != (2,) or not np.isfinite(self.origin).all():
+            raise ValueError(f"origin={self.origin} must be two finite numbers of metres")
 
     @classmethod
     def tile(cls, lower: tuple[float, float], upper: tuple[float, float], cell_size: float) -> "Grid":
@@ -49,8 +60,7 @@ class Grid:
         ValueError
             Where ``cell_size`` is not positive and finite, or does not divide both sides.
         """
-        if not (np.isfinite(cell_size) and cell_size > 0):
-            raise ValueError(f"cell_size={cell_size} must be a positive number of metres")
+        _check_cell_size(cell_size)
         shape = []
         for axis, low, high in zip("xy", lower, upper, strict=True):
             cells = (high - low) / cell_size
@@ -106,6 +116,11 @@ class Grid:
     def has(self, cell: Cell) -> bool:
         """Whether the cell lies on the grid."""
         return 0 <= cell[0] < self.shape[0] and 0 <= cell[1] < self.shape[1]
+
+
+def _check_cell_size(cell_size: float) -> None:
+    if not (isinstance(cell_size, Real) and isfinite(cell_size) and cell_size > 0):
+        raise ValueError(f"cell_size={cell_size!r} must be a positive number of metres")
 
 
 def legal_moves(free: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -1,11 +1,12 @@
 """`RadioMap`: the expected channel gain of every floor cell, built from a scene, from an array or from a file."""
 
 import os
-import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,8 @@ from irs_gym.scene import Scene, load_scene
 from irs_gym.units import Floats, linear_to_db
 
 _BLOCK = 2**20  # complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
+# What reading a file that is no map, or a damaged one, may raise.
+_DAMAGE = (ValueError, KeyError, EOFError, TypeError, OSError, NotImplementedError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +63,14 @@ class RadioMap:
         Raises
         ------
         ValueError
-            Where the array is not 2-D or holds NaN or +inf, or ``cell_size`` is not positive.
+            Where the array is not 2-D, real and free of NaN and +inf, or ``cell_size`` is not positive.
         """
-        gain = np.asarray(gain_db, dtype=np.float64)
+        gain = np.asarray(gain_db)
+        if gain.dtype.kind not in "iuf":
+            raise ValueError(f"gain_db holds values of the type {gain.dtype}, not real numbers of dB")
         if gain.ndim != 2 or not gain.size:
             raise ValueError(f"gain_db has the shape {gain.shape}, but a map has two axes (X, Y)")
-        if not (np.isfinite(cell_size) and cell_size > 0):
-            raise ValueError(f"cell_size={cell_size} must be a positive number of metres")
-        if not np.isfinite(origin).all():
-            raise ValueError(f"origin={origin} must be two finite numbers of metres")
-        grid = Grid((gain.shape[0], gain.shape[1]), float(cell_size), (float(origin[0]), float(origin[1])))
-        return cls(gain, grid=grid)
+        return cls(gain, grid=Grid((gain.shape[0], gain.shape[1]), cell_size, (*origin,)))
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -86,9 +86,9 @@ class RadioMap:
     def save(self, path: str | Path) -> None:
         """Write the map as an ``.npz`` file, atomically."""
         target = Path(path)
-        descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        temporary = target.with_name(f".{target.name}.{os.getpid()}")
         try:
-            with os.fdopen(descriptor, "wb") as file:
+            with temporary.open("wb") as file:
                 np.savez_compressed(
                     file,
                     format_version=np.int64(1),
@@ -97,9 +97,8 @@ class RadioMap:
                     origin=np.array(self.grid.origin),
                 )
             os.replace(temporary, target)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        finally:
+            temporary.unlink(missing_ok=True)
 
     @classmethod
     def load(cls, path: str | Path) -> "RadioMap":
@@ -108,16 +107,23 @@ class RadioMap:
         Raises
         ------
         ValueError
-            Where the file is not such a map.
+            Where the file is not such a map, or damaged.
         """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                if int(file["format_version"]) != 1:
-                    raise ValueError(f"its format_version is {int(file['format_version'])}, and 1 is read here")
-                origin = file["origin"]
-                return cls.from_array(file["gain_db"], float(file["cell_size"]), (origin[0], origin[1]))
-        except (ValueError, KeyError, IndexError, EOFError, TypeError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{str(path)!r} is not a radio map: {error}") from None
+        with open(path, "rb") as stream:
+            try:
+                if not zipfile.is_zipfile(stream):
+                    raise ValueError("it is not a whole npz archive")
+                stream.seek(0)
+                return cls._read(stream)
+            except _DAMAGE as error:
+                raise ValueError(f"{str(path)!r} is not a radio map: {error}") from None
+
+    @classmethod
+    def _read(cls, stream: BinaryIO) -> "RadioMap":
+        with np.load(stream, allow_pickle=False) as file:
+            if int(file["format_version"]) != 1:
+                raise ValueError(f"its format_version is {int(file['format_version'])}, and 1 is read here")
+            return cls.from_array(file["gain_db"], float(file["cell_size"]), file["origin"].tolist())
 
 
 def build_radio_map(

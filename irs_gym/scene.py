@@ -1,9 +1,8 @@
 """`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated, loaded and saved."""
 
 import os
-import tempfile
 from importlib import resources
-from operator import index
+from numbers import Integral
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from irs_gym.geometry import Boxes, is_in_footprint
+from irs_gym.geometry import TOUCH, Boxes, is_in_footprint
 from irs_gym.grid import Grid
 
 Positive = Annotated[float, Field(gt=0)]
@@ -55,9 +54,9 @@ class Room(_Part):
     def holds(self, point: Point2 | Point3) -> bool:
         """Whether a point lies in the room, its walls included."""
         height = point[2] if len(point) == 3 else 0.0
-        return (
-            self.x_min <= point[0] <= self.x_max and self.y_min <= point[1] <= self.y_max and 0 <= height <= self.height
-        )
+        # a box flush with a wall may end a rounding error behind it
+        over = (self.x_min - point[0], point[0] - self.x_max, self.y_min - point[1], point[1] - self.y_max)
+        return max(*over, -height, height - self.height) <= TOUCH
 
 
 class Obstacle(_Part):
@@ -170,7 +169,7 @@ class Scene(_Part):
                 mistakes.append(f"access_points[{n}].position={point.position} lies outside the room")
         for n, panel in enumerate(self.irs_panels):
             where, wall = panel.position["xy".index(panel.wall[0])], getattr(room, panel.wall)
-            if not room.holds(panel.position) or where != wall:
+            if not room.holds(panel.position) or abs(where - wall) > TOUCH:
                 mistakes.append(
                     f"irs_panels[{n}].position={panel.position} must lie on its wall, {panel.wall[0]} = {wall}"
                 )
@@ -211,11 +210,14 @@ class Scene(_Part):
         Raises
         ------
         ValueError
-            Where the elements do not fill whole rows of sub-surfaces, or the scene has no panel to put them on.
+            Where the elements are no whole number, do not fill whole rows of sub-surfaces, or the scene has no panel
+            to put them on.
         """
         if irs_elements is None:
             return self
-        elements = index(irs_elements)
+        if isinstance(irs_elements, bool) or not isinstance(irs_elements, Integral):
+            raise ValueError(f"irs_elements={irs_elements!r} must be a whole number of elements, or None")
+        elements = int(irs_elements)
         if elements == 0:
             return self.model_copy(update={"irs_panels": ()})
         if not self.irs_panels:
@@ -226,14 +228,12 @@ class Scene(_Part):
     def save(self, path: str | Path) -> None:
         """Write the scene as JSON, atomically."""
         target = Path(path)
-        descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        temporary = target.with_name(f".{target.name}.{os.getpid()}")
         try:
-            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-                file.write(self.model_dump_json(indent=2) + "\n")
+            temporary.write_text(self.model_dump_json(indent=2) + "\n", encoding="utf-8")
             os.replace(temporary, target)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:
@@ -265,13 +265,13 @@ def load_scene(source: str | Path) -> Scene:
         Where the file is not a valid scene; the message names each field at fault.
     """
     if source in scene_names():
-        text = resources.files("irs_gym").joinpath("scenes", f"{source}.json").read_text(encoding="utf-8")
+        text = resources.files("irs_gym").joinpath("scenes", f"{source}.json").read_bytes()
     elif Path(source).is_file():
-        text = Path(source).read_text(encoding="utf-8")
+        text = Path(source).read_bytes()
     else:
         raise FileNotFoundError(f"scene={str(source)!r} is neither a file nor one of the scenes {scene_names()}")
     try:
-        return Scene.model_validate_json(text)
+        return Scene.model_validate_json(text, strict=True)
     except ValidationError as error:
         raise ValueError(f"scene {str(source)!r}: {_in_one_line(error)}") from None
 
@@ -280,6 +280,8 @@ def _in_one_line(error: ValidationError) -> str:
     mistakes = []
     for mistake in error.errors(include_url=False):
         field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]).lstrip(".")
-        given = "" if isinstance(mistake["input"], dict | str) and not field else f" (got {mistake['input']!r})"
-        mistakes.append(f"{field}: {mistake['msg']}{given}" if field else mistake["msg"])
+        is_whole_part = mistake["type"] == "missing" or not field
+        given = "" if is_whole_part else f" (got {mistake['input']!r})"
+        said = mistake["msg"].removeprefix("Value error, ")
+        mistakes.append(f"{field}: {said}{given}" if field else said)
     return "; ".join(mistakes)

@@ -14,20 +14,7 @@ from irs_gym.grid import MOVE_NAMES, Cell
 from irs_gym.observation import build_observer
 from irs_gym.oracle import Path, descend
 from irs_gym.task import Task, World, as_cell, build_world, task_of
-
-
-INFO_KEYS = (
-    "distance",  # metres travelled
-    "refused",  # moves refused so far
-    "distance_to_go",  # metres of the shortest feasible path to the goal, inf where there is none
-    "gain_db",
-    "margin_db",
-    "action_mask",
-    "is_refused",
-    "cost",
-    "is_success",
-    "spl",
-)
+from irs_gym.trail import Trail
 
 
 class IrsNavEnv(gymnasium.Env[Any, int]):
@@ -111,12 +98,12 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         return descend(self._tables.distance_to_go, self._start, self.radio_map.grid.cell_size)
 
     @property
-    def path(self) -> NDArray[np.int64]:
-        """Cells of this episode so far, shape ``(T, 2)``, refused moves left out.
+    def path(self) -> Trail:
+        """Cells of this episode so far, refused moves left out.
 
         ``info["path"]`` holds it at termination; the step limit is not this environment's, so read it here then.
         """
-        return np.stack(np.unravel_index(self._trail, self.radio_map.grid.shape), axis=-1)
+        return Trail(np.array(self._trail), self.world.feasible.shape)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``.
@@ -145,8 +132,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = (
             column.item(entry) for column in self._tables.transition
         )
-        if not is_refused:
-            self._trail.append(next_cell)
+        self._trail.append(next_cell)
         self._cell = next_cell
         self._distance += moved
         self._refused += is_refused
@@ -154,7 +140,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         self._is_running = not is_terminated
         info = self._info(is_refused, cost, is_at_goal and not self._has_violated)
         if is_terminated:
-            info["path"] = [tuple(cell) for cell in self.path.tolist()]
+            info["path"] = self.path
         return self._observer.observe(next_cell), reward, is_terminated, False, info
 
     def render(self) -> Any:

@@ -1,7 +1,7 @@
 """`IrsNavVectorEnv`: n environments in one, a thin shell over the same tables as the single environment."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -11,28 +11,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from irs_gym.dynamics import ACTIONS, Tables, draw_start, tables_for, tabulate
-from irs_gym.env import INFO_KEYS, IrsNavEnv, checked_options
+from irs_gym.dynamics import ACTIONS, draw_start, tables_for
+from irs_gym.env import IrsNavEnv, checked_options
 from irs_gym.grid import MOVE_NAMES, Cell
+from irs_gym.infos import Infos, Step
 from irs_gym.observation import Observer, build_observer
+from irs_gym.stack import Stack, build_stack, unpack_masks
 from irs_gym.task import World, build_world, task_of
-
-_REFUSED, _COST, _ENDS, _GOAL = 1, 2, 4, 8  # bits of one byte for each cell and action
-
-
-class _Stack(NamedTuple):
-    """Tables of several goals, one behind the other: a state is a flat cell of one of them."""
-
-    goals: tuple[Cell, ...]
-    next_state: NDArray[np.int64]  # (S * 8,)
-    reward: NDArray[np.float64]
-    moved: NDArray[np.float64]
-    flags: NDArray[np.uint8]
-    action_mask: NDArray[np.int64]  # (S,), the eight bytes of a mask as one number
-    distance_to_go: NDArray[np.float64]
-    gain_db: NDArray[np.float64]
-    margin_db: NDArray[np.float64]
-    observations: NDArray[np.float32] | None  # (S, D)
+from irs_gym.trail import History
 
 
 class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
@@ -83,7 +69,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.world: World = build_world(task_of(arguments))
         tables_for(self.world, self.world.start, self.world.goal)
         self._observer: Observer = build_observer(self.world, self.world.goal)
-        self._stack = _stack(self.world, (self.world.goal,))
+        self._stack: Stack = build_stack(self.world, (self.world.goal,))
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -91,22 +77,23 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
         n = self.num_envs
+        self._cells = self.world.feasible.size
         self._state = np.zeros(n, dtype=np.int64)
-        self._steps = np.zeros(n, dtype=np.int64)
-        self._distance = np.zeros(n)
-        self._refused = np.zeros(n, dtype=np.int64)
-        self._has_violated = np.zeros(n, dtype=bool)
+        self._totals = np.zeros((n, 3))  # of reward, metres and refusals
         self._oracle_distance = np.zeros(n)
+        self._has_violated = np.zeros(n, dtype=bool)
         self._has_ended = np.zeros(n, dtype=bool)
+        self._num_ended = 0
+        self._clock = 0  # steps of all environments
+        self._deadline = np.zeros(n, dtype=np.int64)  # clock at which each is truncated
         self._goals: list[Cell] = [self.world.goal] * n
         self._rngs: list[np.random.Generator | None] = [None] * n
         self._is_reset = False
-        # States of all robots at the latest steps, a ring: the paths of episodes that end are read from it.
-        self._history = np.zeros((self.max_episode_steps + 1, n), dtype=np.int64)
-        self._clock = 0
+        self._history = History(n, self.max_episode_steps + 1, self.world.feasible.shape)
         self._buffer = np.empty((n, self._observer.width), dtype=np.float32)
-        self._all = np.ones(n, dtype=bool)
-        self._all.setflags(write=False)
+        everywhere = np.ones(n, dtype=bool)
+        everywhere.setflags(write=False)
+        self._everywhere = everywhere
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -118,10 +105,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._seed(seed, chosen)
         self._begin(chosen, **checked_options(options))
         self._is_reset = True
-        still = np.zeros(self.num_envs, dtype=bool)
-        infos = self._infos(still, still.astype(np.float64), still)
-        infos.update({key: mask for key in infos if key.startswith("_")})
-        return self._observe(), self._with_oracle(infos, chosen)
+        step = self._step(np.zeros((self.num_envs, 3)), np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool))
+        return self._observe(), self._with_oracle(Infos(step._replace(everywhere=mask)), chosen)
 
     def step(
         self, actions: NDArray[np.integer[Any]]
@@ -129,36 +114,29 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         """Move every robot once; see `IrsNavEnv`."""
         entry = self._state * ACTIONS + self._checked_actions(actions)
         stack = self._stack
-        state = np.take(stack.next_state, entry, mode="clip")
-        reward = np.take(stack.reward, entry, mode="clip")
-        moved = np.take(stack.moved, entry, mode="clip")
-        flags = np.take(stack.flags, entry, mode="clip")
-        self._steps += 1
-        resumed = self._resume(state, reward, moved, flags) if self._has_ended.any() else None
+        state, outcome = stack.next_state.take(entry), stack.outcome.take(entry, axis=0)
+        terminated = stack.is_terminated.take(entry)
+        cost, is_success = self._judge(entry, terminated)
+        self._clock += 1
+        resumed = self._resume(state, outcome, terminated, cost, is_success) if self._num_ended else None
 
         self._state = state
-        self._distance += moved
-        is_refused, cost = (flags & _REFUSED).view(bool), (flags & _COST).astype(bool)
-        self._refused += is_refused
-        self._has_violated |= cost
-        terminated, truncated = (flags & _ENDS).astype(bool), self._steps >= self.max_episode_steps
-        is_success = (flags & _GOAL).astype(bool) & ~self._has_violated
-        self._remember()
+        self._totals = self._totals + outcome
+        self._history.advance(state % self._cells if len(stack.goals) > 1 else state)
+        truncated = self._deadline <= self._clock
         self._has_ended = terminated | truncated
+        self._num_ended = np.count_nonzero(self._has_ended)
 
-        infos = self._infos(is_refused, cost.astype(np.float64), is_success)
+        infos = Infos(self._step(outcome, cost, is_success))
         if resumed is not None:
             self._with_oracle(infos, resumed)
-        if self._has_ended.any():
-            ended = np.flatnonzero(self._has_ended)
-            self._with_paths(infos, ended)
-            if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                infos = self._restart(infos, ended)
-        return self._observe(), reward, terminated, truncated, infos
+        if self._num_ended:
+            infos = self._end(infos, np.flatnonzero(self._has_ended))
+        return self._observe(), outcome[:, 0].copy(), terminated, truncated, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``; see `IrsNavEnv.action_masks`."""
-        return self._masks().astype(bool)
+        return unpack_masks(self._stack.action_mask.take(self._state)).astype(bool)
 
     def render(self) -> tuple[Any, ...] | None:
         """A picture or text for each environment; None without a render mode."""
@@ -179,14 +157,30 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._restack(goal)
         shape = self.world.feasible.shape
         flat = np.ravel_multi_index(np.array(cells).T, shape)
-        self._state[chosen] = flat + self._stack.goals.index(goal) * self.world.feasible.size
-        self._oracle_distance[chosen] = self._stack.distance_to_go[self._state[chosen]]
-        for array in (self._steps, self._distance, self._refused, self._has_violated, self._has_ended):
-            array[chosen] = 0
-        self._history[self._clock, chosen] = self._state[chosen]
+        # Infos hold on to the arrays so far: episodes begin in new ones.
+        self._state = _with(self._state, chosen, flat + self._stack.first_state(goal))
+        self._oracle_distance = _with(
+            self._oracle_distance, chosen, self._stack.distance_to_go.take(self._state[chosen])
+        )
+        self._totals = _with(self._totals, chosen, 0.0)
+        self._has_violated[chosen] = False
+        self._has_ended = _with(self._has_ended, chosen, False)
+        self._deadline[chosen] = self._clock + self.max_episode_steps
+        self._num_ended = np.count_nonzero(self._has_ended)
+        self._history.begin(chosen, flat)
 
-    def _resume(self, state: Any, reward: Any, moved: Any, flags: Any) -> NDArray[np.int64]:
-        """Begin anew, in place of this step, where the last one ended an episode."""
+    def _judge(self, entry: Any, terminated: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Cost of the step, and whether it reaches the goal of an episode without violations."""
+        stack = self._stack
+        if stack.cost is None:  # moves are refused: only the goal ends an episode
+            return np.zeros(self.num_envs), terminated.copy()
+        cost = stack.cost.take(entry)
+        if self.task.constraint == "allow":
+            self._has_violated |= cost > 0
+        return cost, stack.is_at_goal.take(entry) & ~self._has_violated
+
+    def _resume(self, state: NDArray[np.int64], *outcome: NDArray[Any]) -> NDArray[np.int64]:
+        """Begin anew, in place of this step and its outcome, where the last one ended an episode."""
         if self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise ResetNeeded(
                 f"environments {np.flatnonzero(self._has_ended).tolist()} have ended: reset them with "
@@ -195,25 +189,30 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         ended = np.flatnonzero(self._has_ended)
         self._begin(ended)
         state[ended] = self._state[ended]
-        for array in (reward, moved, flags):
+        for array in outcome:
             array[ended] = 0
         return ended
 
-    def _restart(self, infos: dict[str, Any], ended: NDArray[np.int64]) -> dict[str, Any]:
-        """Begin anew at once where this step ended an episode; the infos of the step become the final ones."""
+    def _end(self, infos: Infos, ended: NDArray[np.int64]) -> Infos:
+        """Put in the paths of the episodes that ended and, with autoreset in the same step, begin anew."""
+        is_ended, steps = self._has_ended, self._clock - (self._deadline[ended] - self.max_episode_steps)
+        infos["path"], infos["_path"] = np.full(self.num_envs, None, dtype=object), is_ended.copy()
+        for i, trail in zip(ended, self._history.trails(ended, steps), strict=True):
+            infos["path"][i] = trail
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            return infos
+
+        final = Infos(infos.step._replace(everywhere=is_ended), chosen=is_ended)
+        final["path"], final["_path"] = infos["path"], infos["_path"]
         final_obs = np.full(self.num_envs, None, dtype=object)
-        rows = self._rows(ended)
-        for row, i in zip(rows, ended, strict=True):
+        rows = np.empty((len(ended), self._observer.width), dtype=np.float32)
+        for row, i in zip(self._stack.observe(self._state[ended], rows), ended, strict=True):
             final_obs[i] = self._observer.unpack(row)
-        mask = self._has_ended.copy()
-        final = {key: _only(value, ended) for key, value in infos.items() if not key.startswith("_")}
         self._begin(ended)
-        kept = {key: infos[key].copy() for key in ("is_refused", "cost", "is_success")}
-        for value in kept.values():
-            value[ended] = 0
-        fresh = self._with_oracle(self._infos(**kept), ended)
-        final_info = final | {f"_{key}": mask for key in final}
-        return {**fresh, "final_obs": final_obs, "_final_obs": mask, "final_info": final_info, "_final_info": mask}
+        fresh = (_with(each, ended, 0) for each in (infos.step.outcome, infos.step.cost, infos.step.is_success))
+        infos = self._with_oracle(Infos(self._step(*fresh)), ended)
+        infos.update(final_obs=final_obs, _final_obs=is_ended, final_info=final, _final_info=is_ended)
+        return infos
 
     def _draw_start(self, i: int, goal: Cell) -> Cell:
         probability = self.task.random_start
@@ -230,15 +229,14 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         """Keep the tables of the goals in use, and no others."""
         if goal in self._stack.goals and len(self._stack.goals) == 1:
             return
-        wanted = tuple(dict.fromkeys(self._goals))
-        if wanted == self._stack.goals:
+        goals = tuple(dict.fromkeys(self._goals))
+        if goals == self._stack.goals:
             return
-        size = self.world.feasible.size
-        moved_to = {old: wanted.index(g) for old, g in enumerate(self._stack.goals) if g in wanted}
-        slots = np.array([moved_to.get(slot, 0) for slot in range(len(self._stack.goals))])
-        self._state = slots[self._state // size] * size + self._state % size
-        self._history = slots[np.minimum(self._history // size, len(slots) - 1)] * size + self._history % size
-        self._stack = _stack(self.world, wanted)
+        number = {each: n for n, each in enumerate(goals)}
+        old, cell = np.divmod(self._state, self._cells)
+        kept = np.array([number.get(each, 0) for each in self._stack.goals])
+        self._state = kept[old] * self._cells + cell
+        self._stack = build_stack(self.world, goals)
 
     def _seed(self, seed: int | Sequence[int | None] | None, chosen: NDArray[np.int64]) -> None:
         if seed is None:
@@ -267,68 +265,17 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
 
     def _observe(self) -> Any:
         out = np.empty_like(self._buffer) if self.copy else self._buffer
-        return self._observer.unpack(self._rows(slice(None), out))
+        return self._observer.unpack(self._stack.observe(self._state, out))
 
-    def _rows(self, chosen: Any, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        state = self._state[chosen]
-        if out is None:
-            out = np.empty((len(state), self._observer.width), dtype=np.float32)
-        if self._stack.observations is not None:
-            # "clip" is the fast mode; states come from the tables and are never out of range
-            return np.take(self._stack.observations, state, axis=0, out=out, mode="clip")
-        slot, cell = np.divmod(state, self.world.feasible.size)
-        for n, goal in enumerate(self._stack.goals):
-            here = slot == n
-            of_goal = np.empty((int(here.sum()), self._observer.width), dtype=np.float32)
-            out[here] = build_observer(self.world, goal).rows(cell[here], of_goal)
-        return out
+    def _step(self, outcome: NDArray[np.float64], cost: NDArray[np.float64], is_success: NDArray[np.bool_]) -> Step:
+        totals, shortest = self._totals, self._oracle_distance
+        return Step(self._stack, self._state, outcome, totals, cost, is_success, shortest, self._everywhere)
 
-    def _masks(self) -> NDArray[np.int8]:
-        return np.take(self._stack.action_mask, self._state, mode="clip").view(np.int8).reshape(-1, ACTIONS)
-
-    def _infos(
-        self, is_refused: NDArray[np.bool_], cost: NDArray[np.float64], is_success: NDArray[np.bool_]
-    ) -> dict[str, Any]:
-        stack, state = self._stack, self._state
-        spl = np.zeros(self.num_envs)
-        if is_success.any():
-            shortest = self._oracle_distance
-            spl = np.where(is_success, shortest / np.maximum(np.maximum(shortest, self._distance), 1e-300), 0.0)
-        infos = {
-            "distance": self._distance.copy(),
-            "refused": self._refused.copy(),
-            "distance_to_go": np.take(stack.distance_to_go, state, mode="clip"),
-            "gain_db": np.take(stack.gain_db, state, mode="clip"),
-            "margin_db": np.take(stack.margin_db, state, mode="clip"),
-            "action_mask": self._masks(),
-            "is_refused": is_refused,
-            "cost": cost,
-            "is_success": is_success,
-            "spl": spl,
-        }
-        return infos | dict.fromkeys(_MASK_NAMES, self._all)
-
-    def _with_oracle(self, infos: dict[str, Any], chosen: NDArray[np.int64]) -> dict[str, Any]:
+    def _with_oracle(self, infos: Infos, chosen: NDArray[np.int64]) -> Infos:
         infos["oracle_distance"], infos["_oracle_distance"] = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
         infos["oracle_distance"][chosen] = self._oracle_distance[chosen]
         infos["_oracle_distance"][chosen] = True
         return infos
-
-    def _with_paths(self, infos: dict[str, Any], ended: NDArray[np.int64]) -> None:
-        infos["path"], infos["_path"] = np.full(self.num_envs, None, dtype=object), self._has_ended.copy()
-        for i in ended:
-            infos["path"][i] = [tuple(cell) for cell in self._path(i).tolist()]
-
-    def _remember(self) -> None:
-        self._clock = (self._clock + 1) % len(self._history)
-        self._history[self._clock] = self._state
-
-    def _path(self, i: int) -> NDArray[np.int64]:
-        """Cells of environment i's episode so far, shape ``(T, 2)``, refused moves left out."""
-        when = np.arange(self._clock - self._steps[i], self._clock + 1) % len(self._history)
-        states = self._history[when, i]
-        cells = states[np.append(True, states[1:] != states[:-1])] % self.world.feasible.size
-        return np.stack(np.unravel_index(cells, self.world.feasible.shape), axis=-1)
 
     def _render(self, i: int) -> Any:
         raise NotImplementedError
@@ -344,7 +291,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
                 f"actions has the shape {actions.shape} and the type {actions.dtype}, "
                 f"but one integer for each of the {self.num_envs} environments is needed"
             )
-        if actions.max() >= ACTIONS or actions.min() < 0:
+        if np.bitwise_or.reduce(actions) & ~(ACTIONS - 1):  # any bit above the lowest three, or a sign
             first = int(np.flatnonzero((actions < 0) | (actions >= ACTIONS))[0])
             names = ", ".join(f"{n} {name}" for n, name in enumerate(MOVE_NAMES))
             raise ValueError(f"actions[{first}]={actions[first]} must be an integer from 0 to 7: {names}")
@@ -361,9 +308,6 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         return mask
 
 
-_MASK_NAMES = tuple(f"_{key}" for key in INFO_KEYS)
-
-
 def _mode(mode: str | AutoresetMode) -> AutoresetMode:
     if isinstance(mode, AutoresetMode):
         return mode
@@ -373,36 +317,8 @@ def _mode(mode: str | AutoresetMode) -> AutoresetMode:
     raise ValueError(f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}")
 
 
-def _only(values: NDArray[Any], chosen: NDArray[np.int64]) -> NDArray[Any]:
-    """The values of the chosen environments, zero (or None) elsewhere."""
-    kept = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
-    kept[chosen] = values[chosen]
-    return kept
-
-
-def _flags(tables: Tables) -> NDArray[np.uint8]:
-    each = tables.transition
-    bits = ((each.is_refused, _REFUSED), (each.cost > 0, _COST), (each.is_terminated, _ENDS), (each.is_at_goal, _GOAL))
-    return np.sum([condition * bit for condition, bit in bits], axis=0, dtype=np.uint8)
-
-
-def _stack(world: World, goals: tuple[Cell, ...]) -> _Stack:
-    every = [tabulate(world, goal) for goal in goals]
-    observed = [build_observer(world, goal).table for goal in goals]
-    size = world.feasible.size
-
-    def join(parts: list[Any]) -> Any:
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-    return _Stack(
-        goals=goals,
-        next_state=join([t.transition.next_cell + n * size for n, t in enumerate(every)]),
-        reward=join([t.transition.reward for t in every]),
-        moved=join([t.transition.moved for t in every]),
-        flags=join([_flags(t) for t in every]),
-        action_mask=join([t.action_mask.view(np.int64)[:, 0] for t in every]),
-        distance_to_go=join([t.distance_to_go.ravel() for t in every]),
-        gain_db=join([t.gain_db for t in every]),
-        margin_db=join([t.margin_db for t in every]),
-        observations=None if any(o is None for o in observed) else join(observed),
-    )
+def _with(values: NDArray[Any], chosen: NDArray[np.int64], new: Any) -> NDArray[Any]:
+    """A copy with new values for the chosen environments."""
+    values = values.copy()
+    values[chosen] = new
+    return values

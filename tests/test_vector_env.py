@@ -46,7 +46,7 @@ def level_paths(ours, theirs, single: SyncVectorEnv) -> None:
         paths = theirs[4].setdefault("path", np.full(single.num_envs, None, dtype=object))
         theirs[4]["_path"] = terminated | truncated
         for i in np.flatnonzero(terminated | truncated):
-            paths[i] = [tuple(cell) for cell in single.envs[i].unwrapped.path.tolist()]
+            paths[i] = single.envs[i].unwrapped.path
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])

@@ -1,0 +1,112 @@
+"""`Infos`: the infos of a step of many robots, a dict whose arrays are computed when they are first looked at."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.stack import Stack, unpack_masks
+
+
+class Step(NamedTuple):
+    """What the infos of one step are computed from; none of these arrays is written to again."""
+
+    stack: Stack
+    state: NDArray[np.int64]  # (n,)
+    outcome: NDArray[np.float64]  # (n, 3), of this step: reward, metres moved, refused or not
+    totals: NDArray[np.float64]  # (n, 3), the same added up over the episode
+    cost: NDArray[np.float64]  # (n,)
+    is_success: NDArray[np.bool_]  # (n,)
+    oracle_distance: NDArray[np.float64]  # (n,)
+    everywhere: NDArray[np.bool_]  # (n,), which environments the infos are of
+
+
+def _spl(step: Step) -> NDArray[np.float64]:
+    shortest, travelled = step.oracle_distance, step.totals[:, 1]
+    return np.divide(shortest, np.maximum(shortest, travelled), out=np.zeros(len(shortest)), where=step.is_success)
+
+
+_VALUES: dict[str, Callable[[Step], NDArray[Any]]] = {
+    "distance": lambda step: step.totals[:, 1].copy(),
+    "refused": lambda step: step.totals[:, 2].astype(np.int64),
+    "distance_to_go": lambda step: step.stack.distance_to_go.take(step.state),
+    "gain_db": lambda step: step.stack.gain_db.take(step.state),
+    "margin_db": lambda step: step.stack.margin_db.take(step.state),
+    "action_mask": lambda step: unpack_masks(step.stack.action_mask.take(step.state)),
+    "is_refused": lambda step: step.outcome[:, 2] > 0,
+    "cost": lambda step: step.cost.copy(),
+    "is_success": lambda step: step.is_success.copy(),
+    "spl": _spl,
+}
+_VALUES |= {f"_{key}": lambda step: step.everywhere.copy() for key in tuple(_VALUES)}
+
+
+class Infos(dict[str, Any]):
+    """A dict of arrays ``(n, ...)`` for each key of the single environment's info, with a mask ``_key`` each.
+
+    It reads like any dict. Asking for one key computes that key; whatever looks at all of them computes all.
+    """
+
+    def __init__(self, step: Step, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Infos of a step; with ``chosen`` ``(n,)``, of those environments alone, and zero for the others."""
+        super().__init__()
+        self.step, self._chosen = step, chosen
+
+    def __missing__(self, key: str) -> Any:
+        value = _VALUES[key](self.step)
+        if self._chosen is not None:
+            value = only(value, self._chosen)
+        self[key] = value
+        return value
+
+    def __contains__(self, key: object) -> bool:
+        return key in _VALUES or super().__contains__(key)
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """The value of a key, or the default."""
+        return self[key] if key in self else default
+
+    def fill(self) -> "Infos":
+        """Compute all that has not been looked at."""
+        for key in _VALUES:
+            if not super().__contains__(key):
+                self.__missing__(key)
+        return self
+
+    def __reduce__(self) -> Any:
+        return dict, (list(self.items()),)
+
+
+def _seen_whole(name: str) -> Callable[..., Any]:
+    method = getattr(dict, name)
+
+    def seen_whole(self: Infos, *arguments: Any) -> Any:
+        return method(self.fill(), *arguments)
+
+    seen_whole.__name__ = name
+    seen_whole.__doc__ = method.__doc__
+    return seen_whole
+
+
+for _name in (
+    "__iter__",
+    "__len__",
+    "__eq__",
+    "__ne__",
+    "__repr__",
+    "__or__",
+    "__ror__",
+    "__reversed__",
+    "__delitem__",
+):
+    setattr(Infos, _name, _seen_whole(_name))
+for _name in ("keys", "values", "items", "copy", "pop", "popitem", "setdefault"):
+    setattr(Infos, _name, _seen_whole(_name))
+
+
+def only(values: NDArray[Any], chosen: NDArray[np.bool_]) -> NDArray[Any]:
+    """The values of the chosen environments, zero (or None) elsewhere."""
+    kept = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
+    kept[chosen] = values[chosen]
+    return kept

@@ -1,0 +1,80 @@
+"""`Stack`: the tables of several goals one behind the other, packed for gathers over many robots."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.dynamics import ACTIONS, Transition, tabulate
+from irs_gym.grid import Cell
+from irs_gym.observation import build_observer
+from irs_gym.task import World
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """A state is a flat cell plus ``X * Y`` times the number of its goal. S states, 8 actions."""
+
+    world: World
+    goals: tuple[Cell, ...]
+    next_state: NDArray[np.int64]  # (S * 8,)
+    outcome: NDArray[np.float64]  # (S * 8, 3): reward, metres moved, refused or not
+    cost: NDArray[np.float64] | None  # (S * 8,), None where it is always 0
+    is_terminated: NDArray[np.bool_]  # (S * 8,)
+    is_at_goal: NDArray[np.bool_]  # (S * 8,)
+    action_mask: NDArray[np.int64]  # (S,), the eight bytes of a mask as one number
+    distance_to_go: NDArray[np.float64]  # (S,)
+    gain_db: NDArray[np.float64]  # (S,)
+    margin_db: NDArray[np.float64]  # (S,)
+    observations: NDArray[np.float32] | None  # (S, D), where it is small enough to keep
+
+    def first_state(self, goal: Cell) -> int:
+        """State of the cell (0, 0) for a goal."""
+        return self.goals.index(goal) * self.world.feasible.size
+
+    def observe(self, states: NDArray[np.int64], out: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Packed observations of the states, written to ``out`` (n, D)."""
+        if self.observations is not None:
+            # "clip" is the fast mode of a gather into an array; states come from the tables and are in range
+            return self.observations.take(states, axis=0, out=out, mode="clip")
+        numbers, cells = np.divmod(states, self.world.feasible.size)
+        for number, goal in enumerate(self.goals):
+            here = numbers == number
+            rows = np.empty((int(np.count_nonzero(here)), out.shape[1]), dtype=np.float32)
+            out[here] = build_observer(self.world, goal).rows(cells[here], rows)
+        return out
+
+
+def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
+    """Stack of a world for the goals; a goal that was used before costs no run of Dijkstra."""
+    tables = [tabulate(world, goal) for goal in goals]
+    observed = [build_observer(world, goal).table for goal in goals]
+    size = world.feasible.size
+    return Stack(
+        world=world,
+        goals=goals,
+        next_state=_join([each.transition.next_cell + n * size for n, each in enumerate(tables)]),
+        outcome=_join([_outcome(each.transition) for each in tables]),
+        cost=None if world.task.constraint == "refuse" else _join([each.transition.cost for each in tables]),
+        is_terminated=_join([each.transition.is_terminated for each in tables]),
+        is_at_goal=_join([each.transition.is_at_goal for each in tables]),
+        action_mask=_join([each.action_mask.view(np.int64).ravel() for each in tables]),
+        distance_to_go=_join([each.distance_to_go.ravel() for each in tables]),
+        gain_db=_join([each.gain_db for each in tables]),
+        margin_db=_join([each.margin_db for each in tables]),
+        observations=None if any(each is None for each in observed) else _join(observed),
+    )
+
+
+def unpack_masks(packed: NDArray[np.int64]) -> NDArray[np.int8]:
+    """Action masks, shape ``(n, 8)``."""
+    return packed.view(np.int8).reshape(-1, ACTIONS)
+
+
+def _outcome(rule: Transition) -> NDArray[np.float64]:
+    return np.stack([rule.reward, rule.moved, rule.is_refused], axis=-1)
+
+
+def _join(parts: list[Any]) -> Any:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra, minimum_spanning_tree
 
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves
+
+Integers = NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +120,9 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     source, target = _flat(gain_db, start, "start"), _flat(gain_db, goal, "goal")
     # The tree is grown on ranks, 1 for the highest gain: positive weights whose order is that of the gains.
     levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)
-    first, second, _ = _edges(np.isfinite(gain_db))
-    cost = np.maximum(rank[first], rank[second]) + 1.0
-    tree = minimum_spanning_tree(csr_array((cost, (first, second)), shape=(gain_db.size,) * 2))
+    rows, second, _ = edges(np.isfinite(gain_db))
+    cost = np.maximum(np.repeat(rank, np.diff(rows)), rank[second]) + 1.0
+    tree = minimum_spanning_tree(csr_array((cost, second, rows), shape=(gain_db.size,) * 2), overwrite=True)
     _, before = breadth_first_order(tree, source, directed=False)
     cell, widest = target, rank[target]
     while cell != source:
@@ -137,15 +140,29 @@ def _flat(array: NDArray[np.generic], cell: Cell, name: str) -> int:
     return int(cell[0]) * columns + int(cell[1])
 
 
-def _edges(free: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """All legal moves between free cells as flat indices (from, to) and the number of the move."""
-    steps = MOVES @ np.array([free.shape[1], 1])
-    i, j, move = np.nonzero(legal_moves(free) & free[:, :, None])
-    first = i * free.shape[1] + j
-    return first, first + steps[move], move
+def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
+    """All legal moves between free cells, as compressed sparse rows over flat cells.
+
+    Returns
+    -------
+    rows
+        Shape ``(X * Y + 1,)``: the moves out of cell n are those from ``rows[n]`` to before ``rows[n + 1]``.
+    cells
+        The cell that each move leads to.
+    moves
+        Its number in `irs_gym.grid.MOVES`.
+    """
+    # half the memory for all but giant maps
+    index = np.dtype(np.int32 if free.size * len(MOVES) < 2**31 else np.int64)
+    legal = legal_moves(free) & free[:, :, None]
+    rows: Integers = np.zeros(free.size + 1, dtype=index)
+    np.cumsum(legal.sum(axis=2).ravel(), out=rows[1:])
+    cells, moves = np.divmod(np.flatnonzero(legal).astype(index), len(MOVES))
+    cells += (MOVES @ np.array([free.shape[1], 1])).astype(index)[moves]
+    return rows, cells, moves
 
 
 def _graph(free: NDArray[np.bool_]) -> csr_array:
     """Weighted graph of eq. (17) over the free cells, lengths in cells."""
-    first, second, move = _edges(free)
-    return csr_array((MOVE_LENGTHS[move], (first, second)), shape=(free.size, free.size))
+    rows, cells, moves = edges(free)
+    return csr_array((MOVE_LENGTHS[moves], cells, rows), shape=(free.size, free.size))

@@ -14,28 +14,28 @@ class Step(NamedTuple):
 
     stack: Stack
     state: NDArray[np.int64]  # (n,)
-    outcome: NDArray[np.float64]  # (n, 3), of this step: reward, metres moved, refused or not
-    totals: NDArray[np.float64]  # (n, 3), the same added up over the episode
-    cost: NDArray[np.float64]  # (n,)
+    travel: NDArray[np.complex128]  # (n,), of this step: metres moved, plus 1j where refused
+    travelled: NDArray[np.complex128]  # (n,), the same added up over the episode
+    cost: NDArray[np.float64] | None  # (n,), None for none
     is_success: NDArray[np.bool_]  # (n,)
     oracle_distance: NDArray[np.float64]  # (n,)
     everywhere: NDArray[np.bool_]  # (n,), which environments the infos are of
 
 
 def _spl(step: Step) -> NDArray[np.float64]:
-    shortest, travelled = step.oracle_distance, step.totals[:, 1]
+    shortest, travelled = step.oracle_distance, step.travelled.real
     return np.divide(shortest, np.maximum(shortest, travelled), out=np.zeros(len(shortest)), where=step.is_success)
 
 
 _VALUES: dict[str, Callable[[Step], NDArray[Any]]] = {
-    "distance": lambda step: step.totals[:, 1].copy(),
-    "refused": lambda step: step.totals[:, 2].astype(np.int64),
+    "distance": lambda step: step.travelled.real.copy(),
+    "refused": lambda step: step.travelled.imag.astype(np.int64),
     "distance_to_go": lambda step: step.stack.distance_to_go.take(step.state),
     "gain_db": lambda step: step.stack.gain_db.take(step.state),
     "margin_db": lambda step: step.stack.margin_db.take(step.state),
     "action_mask": lambda step: unpack_masks(step.stack.action_mask.take(step.state)),
-    "is_refused": lambda step: step.outcome[:, 2] > 0,
-    "cost": lambda step: step.cost.copy(),
+    "is_refused": lambda step: step.travel.imag > 0,
+    "cost": lambda step: np.zeros(len(step.state)) if step.cost is None else step.cost.copy(),
     "is_success": lambda step: step.is_success.copy(),
     "spl": _spl,
 }
@@ -65,7 +65,7 @@ class Infos(dict[str, Any]):
 
     def get(self, key: str, default: Any = None) -> Any:
         """The value of a key, or the default."""
-        return self[key] if key in self else default
+        return self[key] if key in self else default  # noqa: SIM401
 
     def fill(self) -> "Infos":
         """Compute all that has not been looked at."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.dynamics import ACTIONS, Transition, tabulate
+from irs_gym.dynamics import ACTIONS, tabulate
 from irs_gym.grid import Cell
 from irs_gym.observation import build_observer
 from irs_gym.task import World
@@ -19,7 +19,8 @@ class Stack:
     world: World
     goals: tuple[Cell, ...]
     next_state: NDArray[np.int64]  # (S * 8,)
-    outcome: NDArray[np.float64]  # (S * 8, 3): reward, metres moved, refused or not
+    reward: NDArray[np.float64]  # (S * 8,)
+    travel: NDArray[np.complex128]  # (S * 8,): metres moved, plus 1j where refused; two sums in one gather
     cost: NDArray[np.float64] | None  # (S * 8,), None where it is always 0
     is_terminated: NDArray[np.bool_]  # (S * 8,)
     is_at_goal: NDArray[np.bool_]  # (S * 8,)
@@ -55,7 +56,8 @@ def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
         world=world,
         goals=goals,
         next_state=_join([each.transition.next_cell + n * size for n, each in enumerate(tables)]),
-        outcome=_join([_outcome(each.transition) for each in tables]),
+        reward=_join([each.transition.reward for each in tables]),
+        travel=_join([each.transition.moved + 1j * each.transition.is_refused for each in tables]),
         cost=None if world.task.constraint == "refuse" else _join([each.transition.cost for each in tables]),
         is_terminated=_join([each.transition.is_terminated for each in tables]),
         is_at_goal=_join([each.transition.is_at_goal for each in tables]),
@@ -70,10 +72,6 @@ def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
 def unpack_masks(packed: NDArray[np.int64]) -> NDArray[np.int8]:
     """Action masks, shape ``(n, 8)``."""
     return packed.view(np.int8).reshape(-1, ACTIONS)
-
-
-def _outcome(rule: Transition) -> NDArray[np.float64]:
-    return np.stack([rule.reward, rule.moved, rule.is_refused], axis=-1)
 
 
 def _join(parts: list[Any]) -> Any:

@@ -79,7 +79,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         n = self.num_envs
         self._cells = self.world.feasible.size
         self._state = np.zeros(n, dtype=np.int64)
-        self._totals = np.zeros((n, 3))  # of reward, metres and refusals
+        self._travelled = np.zeros(n, dtype=np.complex128)  # metres, plus 1j for each refusal
         self._oracle_distance = np.zeros(n)
         self._has_violated = np.zeros(n, dtype=bool)
         self._has_ended = np.zeros(n, dtype=bool)
@@ -105,7 +105,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._seed(seed, chosen)
         self._begin(chosen, **checked_options(options))
         self._is_reset = True
-        step = self._step(np.zeros((self.num_envs, 3)), np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool))
+        step = self._step(np.zeros(self.num_envs, dtype=complex), None, np.zeros(self.num_envs, dtype=bool))
         return self._observe(), self._with_oracle(Infos(step._replace(everywhere=mask)), chosen)
 
     def step(
@@ -114,25 +114,25 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         """Move every robot once; see `IrsNavEnv`."""
         entry = self._state * ACTIONS + self._checked_actions(actions)
         stack = self._stack
-        state, outcome = stack.next_state.take(entry), stack.outcome.take(entry, axis=0)
-        terminated = stack.is_terminated.take(entry)
+        state, reward = stack.next_state.take(entry), stack.reward.take(entry)
+        travel, terminated = stack.travel.take(entry), stack.is_terminated.take(entry)
         cost, is_success = self._judge(entry, terminated)
         self._clock += 1
-        resumed = self._resume(state, outcome, terminated, cost, is_success) if self._num_ended else None
+        resumed = self._resume(state, reward, travel, terminated, cost, is_success) if self._num_ended else None
 
         self._state = state
-        self._totals = self._totals + outcome
+        self._travelled = self._travelled + travel
         self._history.advance(state % self._cells if len(stack.goals) > 1 else state)
         truncated = self._deadline <= self._clock
         self._has_ended = terminated | truncated
         self._num_ended = np.count_nonzero(self._has_ended)
 
-        infos = Infos(self._step(outcome, cost, is_success))
+        infos = Infos(self._step(travel, cost, is_success))
         if resumed is not None:
             self._with_oracle(infos, resumed)
         if self._num_ended:
             infos = self._end(infos, np.flatnonzero(self._has_ended))
-        return self._observe(), outcome[:, 0].copy(), terminated, truncated, infos
+        return self._observe(), reward, terminated, truncated, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``; see `IrsNavEnv.action_masks`."""
@@ -162,24 +162,24 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._oracle_distance = _with(
             self._oracle_distance, chosen, self._stack.distance_to_go.take(self._state[chosen])
         )
-        self._totals = _with(self._totals, chosen, 0.0)
+        self._travelled = _with(self._travelled, chosen, 0)
         self._has_violated[chosen] = False
         self._has_ended = _with(self._has_ended, chosen, False)
         self._deadline[chosen] = self._clock + self.max_episode_steps
         self._num_ended = np.count_nonzero(self._has_ended)
         self._history.begin(chosen, flat)
 
-    def _judge(self, entry: Any, terminated: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def _judge(self, entry: Any, terminated: NDArray[np.bool_]) -> tuple[Any, NDArray[np.bool_]]:
         """Cost of the step, and whether it reaches the goal of an episode without violations."""
         stack = self._stack
         if stack.cost is None:  # moves are refused: only the goal ends an episode
-            return np.zeros(self.num_envs), terminated.copy()
+            return None, terminated
         cost = stack.cost.take(entry)
         if self.task.constraint == "allow":
             self._has_violated |= cost > 0
         return cost, stack.is_at_goal.take(entry) & ~self._has_violated
 
-    def _resume(self, state: NDArray[np.int64], *outcome: NDArray[Any]) -> NDArray[np.int64]:
+    def _resume(self, state: NDArray[np.int64], *outcome: NDArray[Any] | None) -> NDArray[np.int64]:
         """Begin anew, in place of this step and its outcome, where the last one ended an episode."""
         if self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise ResetNeeded(
@@ -190,7 +190,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._begin(ended)
         state[ended] = self._state[ended]
         for array in outcome:
-            array[ended] = 0
+            if array is not None:
+                array[ended] = 0
         return ended
 
     def _end(self, infos: Infos, ended: NDArray[np.int64]) -> Infos:
@@ -209,7 +210,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         for row, i in zip(self._stack.observe(self._state[ended], rows), ended, strict=True):
             final_obs[i] = self._observer.unpack(row)
         self._begin(ended)
-        fresh = (_with(each, ended, 0) for each in (infos.step.outcome, infos.step.cost, infos.step.is_success))
+        step = infos.step
+        fresh = (None if each is None else _with(each, ended, 0) for each in (step.travel, step.cost, step.is_success))
         infos = self._with_oracle(Infos(self._step(*fresh)), ended)
         infos.update(final_obs=final_obs, _final_obs=is_ended, final_info=final, _final_info=is_ended)
         return infos
@@ -267,9 +269,9 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         out = np.empty_like(self._buffer) if self.copy else self._buffer
         return self._observer.unpack(self._stack.observe(self._state, out))
 
-    def _step(self, outcome: NDArray[np.float64], cost: NDArray[np.float64], is_success: NDArray[np.bool_]) -> Step:
-        totals, shortest = self._totals, self._oracle_distance
-        return Step(self._stack, self._state, outcome, totals, cost, is_success, shortest, self._everywhere)
+    def _step(self, travel: Any, cost: Any, is_success: Any) -> Step:
+        travelled, shortest = self._travelled, self._oracle_distance
+        return Step(self._stack, self._state, travel, travelled, cost, is_success, shortest, self._everywhere)
 
     def _with_oracle(self, infos: Infos, chosen: NDArray[np.int64]) -> Infos:
         infos["oracle_distance"], infos["_oracle_distance"] = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)

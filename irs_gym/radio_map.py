@@ -185,7 +185,7 @@ def build_phase_shifts(
     scene = as_scene(scene).with_irs_elements(irs_elements)
     hardware, grid = Hardware(phase_bits, quantiser, array_model), scene.grid(cell_size)
     shifts = np.zeros((*grid.shape, sum(panel.subsurfaces for panel in scene.irs_panels)), dtype=np.float32)
-    by_cell = shifts.reshape(-1, shifts.shape[-1])
+    by_cell = shifts.reshape(grid.shape[0] * grid.shape[1], -1)
     for cells, positions in _blocks(scene, grid, hardware):
         channels = [channel(scene, ap, positions) for ap in scene.access_points]
         serving = np.argmax([each.expected_gain(hardware) for each in channels], axis=0)

@@ -1,4 +1,4 @@
-"""`IrsNavVecEnv`: Stable-Baselines3's own `VecEnv` over the vector environment, many times faster than `DummyVecEnv`."""
+"""`IrsNavVecEnv`: the vector environment as Stable-Baselines3's own `VecEnv`, much faster than `DummyVecEnv`."""
 
 import time
 from collections.abc import Iterable, Sequence

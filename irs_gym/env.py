@@ -1,6 +1,5 @@
 """`IrsNavEnv`: the single environment, a thin shell over the tables of the dynamics."""
 
-from operator import index
 from typing import Any
 
 import gymnasium
@@ -10,10 +9,11 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, draw_start, tables_for
-from irs_gym.grid import MOVE_NAMES, Cell
+from irs_gym.grid import Cell
+from irs_gym.interface import METADATA, RENDERERS, checked_action, checked_options, checked_render_mode, view_of
 from irs_gym.observation import build_observer
 from irs_gym.oracle import Path, descend
-from irs_gym.task import Task, World, as_cell, build_world, task_of
+from irs_gym.task import Task, World, build_world, task_of
 from irs_gym.trail import Trail
 
 
@@ -69,15 +69,19 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     - v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}
+    metadata: dict[str, Any] = METADATA
+
+    _cell: int  # flat index
+    _trail: list[int]  # flat indices
+    _distance: float
+    _refused: int
+    _has_violated: bool
+    _is_running: bool
 
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode={render_mode!r} must be one of {self.metadata['render_modes']} or None")
-        self.render_mode = render_mode
+        self.render_mode = checked_render_mode(render_mode)
         self.world: World = build_world(task_of(arguments))
-        self._start, self._goal = self.world.start, self.world.goal
-        self._enter(self._start, self._goal)
+        self._enter(self.world.start, self.world.goal)
         self.observation_space = self._observer.space
         self.action_space: spaces.Discrete = spaces.Discrete(ACTIONS)  # type: ignore[assignment]
         self._is_running = False
@@ -128,7 +132,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         """Move once; see the class for what the move does."""
         if not self._is_running:
             raise ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
-        entry = self._cell * ACTIONS + _checked_action(action)
+        entry = self._cell * ACTIONS + checked_action(action)
         next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = (
             column.item(entry) for column in self._tables.transition
         )
@@ -147,7 +151,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""
         if self.render_mode is None:
             return None
-        raise NotImplementedError
+        return RENDERERS[self.render_mode](view_of(self.world, self._start, self._goal), self.path)
 
     def _draw_start(self, goal: Cell) -> Cell:
         probability = self.task.random_start
@@ -160,11 +164,9 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         self._observer = build_observer(self.world, goal)
         self._start, self._goal = start, goal
         self._cell = int(np.ravel_multi_index(start, self.radio_map.grid.shape))
-        self._trail: list[int] = [self._cell]
-        self._distance: float = 0.0
-        self._refused: int = 0
-        self._has_violated: bool = False
-        self._is_running: bool = True
+        self._trail = [self._cell]
+        self._distance, self._refused = 0.0, 0
+        self._has_violated, self._is_running = False, True
 
     def _info(self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False) -> dict[str, Any]:
         tables, cell = self._tables, self._cell
@@ -186,22 +188,3 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         """Success weighted by path length (Anderson et al., 2018) of a success; start and goal always differ."""
         shortest = float(self._tables.distance_to_go[self._start])
         return shortest / max(shortest, self._distance)
-
-
-def _checked_action(action: Any) -> int:
-    try:
-        number = index(action)
-    except TypeError:
-        number = -1
-    if not 0 <= number < ACTIONS or isinstance(action, bool | np.bool_):
-        names = ", ".join(f"{n} {name}" for n, name in enumerate(MOVE_NAMES))
-        raise ValueError(f"action={action!r} must be an integer from 0 to 7: {names}")
-    return number
-
-
-def checked_options(options: dict[str, Any] | None) -> dict[str, Cell]:
-    """Start and goal of `reset`'s options; a ``ValueError`` names an unknown key or a value that is no cell."""
-    unknown = sorted(set(options or {}) - {"start", "goal"})
-    if unknown:
-        raise ValueError(f"options has the unknown key {', '.join(unknown)}: it may hold start and goal, cells (i, j)")
-    return {name: as_cell(cell, name) for name, cell in (options or {}).items()}

@@ -12,13 +12,13 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, draw_start, tables_for
-from irs_gym.env import IrsNavEnv, checked_options
-from irs_gym.grid import MOVE_NAMES, Cell
+from irs_gym.grid import Cell
 from irs_gym.infos import Infos, Step
+from irs_gym.interface import METADATA, RENDERERS, checked_actions, checked_options, checked_render_mode, view_of
 from irs_gym.observation import Observer, build_observer
 from irs_gym.stack import Stack, build_stack, unpack_masks
 from irs_gym.task import World, build_world, task_of
-from irs_gym.trail import History
+from irs_gym.trail import History, Trail
 
 
 class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
@@ -60,12 +60,10 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         for name, value in (("num_envs", num_envs), ("max_episode_steps", max_episode_steps)):
             if not isinstance(value, int | np.integer) or value < 1:
                 raise ValueError(f"{name}={value!r} must be a positive integer")
-        if render_mode not in (None, *IrsNavEnv.metadata["render_modes"]):
-            raise ValueError(f"render_mode={render_mode!r} must be one of {IrsNavEnv.metadata['render_modes']} or None")
         self.num_envs, self.max_episode_steps = int(num_envs), int(max_episode_steps)
         self.autoreset_mode = _mode(autoreset_mode)
-        self.metadata = {**IrsNavEnv.metadata, "autoreset_mode": self.autoreset_mode}
-        self.render_mode, self.copy = render_mode, copy
+        self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
+        self.render_mode, self.copy = checked_render_mode(render_mode), copy
         self.world: World = build_world(task_of(arguments))
         tables_for(self.world, self.world.start, self.world.goal)
         self._observer: Observer = build_observer(self.world, self.world.goal)
@@ -112,7 +110,9 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self, actions: NDArray[np.integer[Any]]
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Move every robot once; see `IrsNavEnv`."""
-        entry = self._state * ACTIONS + self._checked_actions(actions)
+        if not self._is_reset:
+            raise ResetNeeded("no episode has begun: call reset() before step()")
+        entry = self._state * ACTIONS + checked_actions(actions, self.num_envs)
         stack = self._stack
         state, reward = stack.next_state.take(entry), stack.reward.take(entry)
         travel, terminated = stack.travel.take(entry), stack.is_terminated.take(entry)
@@ -125,7 +125,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._history.advance(state % self._cells if len(stack.goals) > 1 else state)
         truncated = self._deadline <= self._clock
         self._has_ended = terminated | truncated
-        self._num_ended = np.count_nonzero(self._has_ended)
+        self._num_ended = int(np.count_nonzero(self._has_ended))
 
         infos = Infos(self._step(travel, cost, is_success))
         if resumed is not None:
@@ -142,7 +142,9 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         """A picture or text for each environment; None without a render mode."""
         if self.render_mode is None:
             return None
-        return tuple(self._render(i) for i in range(self.num_envs))
+        trails = [self._trail(i) for i in range(self.num_envs)]
+        show = RENDERERS[self.render_mode]
+        return tuple(show(view_of(self.world, t[0], goal), t) for t, goal in zip(trails, self._goals, strict=True))
 
     # --- episodes ---------------------------------------------------------------------------------------------------
 
@@ -166,7 +168,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._has_violated[chosen] = False
         self._has_ended = _with(self._has_ended, chosen, False)
         self._deadline[chosen] = self._clock + self.max_episode_steps
-        self._num_ended = np.count_nonzero(self._has_ended)
+        self._num_ended = int(np.count_nonzero(self._has_ended))
         self._history.begin(chosen, flat)
 
     def _judge(self, entry: Any, terminated: NDArray[np.bool_]) -> tuple[Any, NDArray[np.bool_]]:
@@ -279,35 +281,21 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         infos["_oracle_distance"][chosen] = True
         return infos
 
-    def _render(self, i: int) -> Any:
-        raise NotImplementedError
+    def _trail(self, i: int) -> Trail:
+        steps = self._clock - (self._deadline[[i]] - self.max_episode_steps)
+        return self._history.trails(np.array([i]), steps)[0]
 
     # --- what is accepted -------------------------------------------------------------------------------------------
-
-    def _checked_actions(self, actions: Any) -> NDArray[np.integer[Any]]:
-        if not self._is_reset:
-            raise ResetNeeded("no episode has begun: call reset() before step()")
-        actions = np.asarray(actions)
-        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
-            raise ValueError(
-                f"actions has the shape {actions.shape} and the type {actions.dtype}, "
-                f"but one integer for each of the {self.num_envs} environments is needed"
-            )
-        if np.bitwise_or.reduce(actions) & ~(ACTIONS - 1):  # any bit above the lowest three, or a sign
-            first = int(np.flatnonzero((actions < 0) | (actions >= ACTIONS))[0])
-            names = ", ".join(f"{n} {name}" for n, name in enumerate(MOVE_NAMES))
-            raise ValueError(f"actions[{first}]={actions[first]} must be an integer from 0 to 7: {names}")
-        return actions
 
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
         if mask is None:
             return np.ones(self.num_envs, dtype=bool)
-        mask = np.asarray(mask)
-        if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
+        chosen: NDArray[np.bool_] = np.asarray(mask)
+        if chosen.shape != (self.num_envs,) or chosen.dtype != bool or not chosen.any():
             raise ValueError(f"reset_mask must hold {self.num_envs} bools, at least one of them True")
-        if not self._is_reset and not mask.all():
+        if not self._is_reset and not chosen.all():
             raise ResetNeeded("the first reset must be of all environments: leave reset_mask out")
-        return mask
+        return chosen
 
 
 def _mode(mode: str | AutoresetMode) -> AutoresetMode:

@@ -1,0 +1,76 @@
+"""What both environments share towards their users: metadata, checks of what comes in, pictures."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from operator import index
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.dynamics import ACTIONS, tabulate
+from irs_gym.grid import MOVE_NAMES, Cell
+from irs_gym.oracle import descend
+from irs_gym.rendering import View, draw, text
+from irs_gym.task import World, as_cell
+from irs_gym.trail import Trail
+
+METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}
+RENDERERS: dict[str, Callable[[View, Trail], Any]] = {"rgb_array": draw, "ansi": text}
+_ACTIONS = "an integer from 0 to 7: " + ", ".join(f"{n} {name}" for n, name in enumerate(MOVE_NAMES))
+
+
+def checked_render_mode(render_mode: str | None) -> str | None:
+    """The mode; a ``ValueError`` lists the known ones for an unknown one."""
+    if render_mode is not None and render_mode not in METADATA["render_modes"]:
+        raise ValueError(f"render_mode={render_mode!r} must be one of {METADATA['render_modes']} or None")
+    return render_mode
+
+
+def checked_action(action: Any) -> int:
+    """The action as an int; a ``ValueError`` lists the actions for one that is none."""
+    try:
+        number = index(action)
+    except TypeError:
+        number = -1
+    if not 0 <= number < ACTIONS or isinstance(action, bool | np.bool_):
+        raise ValueError(f"action={action!r} must be {_ACTIONS}")
+    return number
+
+
+def checked_actions(actions: Any, count: int) -> NDArray[np.integer[Any]]:
+    """Actions of ``count`` robots as an array; a ``ValueError`` names the first that is none."""
+    checked: NDArray[np.integer[Any]] = np.asarray(actions)
+    if checked.shape != (count,) or checked.dtype.kind not in "iu":
+        raise ValueError(
+            f"actions has the shape {checked.shape} and the type {checked.dtype}, "
+            f"but one integer for each of the {count} environments is needed"
+        )
+    if np.bitwise_or.reduce(checked) & ~(ACTIONS - 1):  # any bit above the lowest three, or a sign
+        first = int(np.flatnonzero((checked < 0) | (checked >= ACTIONS))[0])
+        raise ValueError(f"actions[{first}]={checked[first]} must be {_ACTIONS}")
+    return checked
+
+
+def checked_options(options: dict[str, Any] | None) -> dict[str, Cell]:
+    """Start and goal of `reset`'s options; a ``ValueError`` names an unknown key or a value that is no cell."""
+    unknown = sorted(set(options or {}) - {"start", "goal"})
+    if unknown:
+        raise ValueError(f"options has the unknown key {', '.join(unknown)}: it may hold start and goal, cells (i, j)")
+    return {name: as_cell(cell, name) for name, cell in (options or {}).items()}
+
+
+@lru_cache(maxsize=32)
+def view_of(world: World, start: Cell, goal: Cell) -> View:
+    """What a picture of an episode shows besides the robot's trail; kept, so that it is drawn once."""
+    scene, radio_map = world.scene, world.radio_map
+    return View(
+        gain_db=radio_map.gain_db,
+        target_db=world.task.target_db,
+        grid=radio_map.grid,
+        access_points=tuple(each.position[:2] for each in scene.access_points) if scene else (),
+        irs_panels=tuple(each.position[:2] for each in scene.irs_panels) if scene else (),
+        start=start,
+        goal=goal,
+        oracle_cells=descend(tabulate(world, goal).distance_to_go, start, radio_map.grid.cell_size).cells,
+    )

@@ -16,7 +16,7 @@ ACTIONS = len(MOVES)
 
 
 class Transition(NamedTuple):
-    """What an action does in a cell; arrays of one shape, or scalars."""
+    """What actions do in cells: arrays of one shape, or of one value each."""
 
     next_cell: Any  # flat index
     reward: Any  # metres
@@ -79,11 +79,10 @@ class Tables:
 
     world: World
     goal: Cell
-    transition: Transition  # arrays of shape (X * Y * 8,)
+    transition: NDArray[np.void]  # (X * Y * 8,), records of the fields of `Transition`
+    cell: NDArray[np.void]  # (X * Y,), records of distance_to_go in metres, gain_db and margin_db
     action_mask: NDArray[np.int8]  # (X * Y, 8)
     distance_to_go: NDArray[np.float64]  # (X, Y), metres
-    gain_db: NDArray[np.float64]  # (X * Y,)
-    margin_db: NDArray[np.float64]  # (X * Y,)
     starts: NDArray[np.int64]  # flat indices
 
     def __reduce__(self) -> Any:
@@ -108,18 +107,24 @@ def tabulate(world: World, goal: Cell) -> Tables:
             f"goal_bonus={task.goal_bonus} is too small for constraint='terminate': ending the episode by a violation "
             f"would pay more than the longest detour of {detour:.3f} m, so a bonus above that is needed"
         )
-    rules = transition(world, goal)
-    gain_db = world.radio_map.gain_db.ravel()
+    gain_db = world.radio_map.gain_db
     return Tables(
         world=world,
         goal=goal,
-        transition=Transition(*(column.ravel() for column in rules)),
+        transition=_records(**transition(world, goal)._asdict()),
+        cell=_records(distance_to_go=to_go, gain_db=gain_db, margin_db=gain_db - task.target_db),
         action_mask=action_mask(world),
         distance_to_go=to_go,
-        gain_db=gain_db,
-        margin_db=gain_db - task.target_db,
         starts=starts,
     )
+
+
+def _records(**columns: NDArray[Any]) -> NDArray[np.void]:
+    """The columns as one array of records: a record is gathered, or turned to Python's own types, in one go."""
+    records = np.empty(next(iter(columns.values())).size, dtype=[(name, each.dtype) for name, each in columns.items()])
+    for name, each in columns.items():
+        records[name] = each.ravel()
+    return records
 
 
 def draw_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:

@@ -133,9 +133,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         if not self._is_running:
             raise ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
         entry = self._cell * ACTIONS + checked_action(action)
-        next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = (
-            column.item(entry) for column in self._tables.transition
-        )
+        outcome: tuple[Any, ...] = self._tables.transition.item(entry)
+        next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = outcome
         self._trail.append(next_cell)
         self._cell = next_cell
         self._distance += moved
@@ -169,15 +168,14 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         self._has_violated, self._is_running = False, True
 
     def _info(self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False) -> dict[str, Any]:
-        tables, cell = self._tables, self._cell
-        to_go = tables.distance_to_go
+        distance_to_go, gain_db, margin_db = self._tables.cell.item(self._cell)
         return {
             "distance": self._distance,
             "refused": self._refused,
-            "distance_to_go": to_go.item(cell),
-            "gain_db": tables.gain_db.item(cell),
-            "margin_db": tables.margin_db.item(cell),
-            "action_mask": tables.action_mask[cell].copy(),
+            "distance_to_go": distance_to_go,
+            "gain_db": gain_db,
+            "margin_db": margin_db,
+            "action_mask": self._tables.action_mask[self._cell].copy(),
             "is_refused": is_refused,
             "cost": cost,
             "is_success": is_success,

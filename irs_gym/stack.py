@@ -55,16 +55,16 @@ def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
     return Stack(
         world=world,
         goals=goals,
-        next_state=_join([each.transition.next_cell + n * size for n, each in enumerate(tables)]),
-        reward=_join([each.transition.reward for each in tables]),
-        travel=_join([each.transition.moved + 1j * each.transition.is_refused for each in tables]),
-        cost=None if world.task.constraint == "refuse" else _join([each.transition.cost for each in tables]),
-        is_terminated=_join([each.transition.is_terminated for each in tables]),
-        is_at_goal=_join([each.transition.is_at_goal for each in tables]),
+        next_state=_join([each.transition["next_cell"] + n * size for n, each in enumerate(tables)]),
+        reward=_join([each.transition["reward"] for each in tables]),
+        travel=_join([each.transition["moved"] + 1j * each.transition["is_refused"] for each in tables]),
+        cost=None if world.task.constraint == "refuse" else _join([each.transition["cost"] for each in tables]),
+        is_terminated=_join([each.transition["is_terminated"] for each in tables]),
+        is_at_goal=_join([each.transition["is_at_goal"] for each in tables]),
         action_mask=_join([each.action_mask.view(np.int64).ravel() for each in tables]),
-        distance_to_go=_join([each.distance_to_go.ravel() for each in tables]),
-        gain_db=_join([each.gain_db for each in tables]),
-        margin_db=_join([each.margin_db for each in tables]),
+        distance_to_go=_join([each.cell["distance_to_go"] for each in tables]),
+        gain_db=_join([each.cell["gain_db"] for each in tables]),
+        margin_db=_join([each.cell["margin_db"] for each in tables]),
         observations=None if any(each is None for each in observed) else _join(observed),
     )
 
@@ -75,4 +75,4 @@ def unpack_masks(packed: NDArray[np.int64]) -> NDArray[np.int8]:
 
 
 def _join(parts: list[Any]) -> Any:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    return np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts)

@@ -157,7 +157,12 @@ def continuous_phases(direct: Complexes, reflected: Complexes) -> Floats:
 
     ``direct`` h has shape ``(n,)``, ``reflected`` w ``(n, N)``. Where h = 0 the reference phase is 0.
     """
-    return np.mod(np.angle(direct)[:, None] - np.angle(reflected), 2 * np.pi)
+    return np.mod(_reference_phase(direct)[:, None] - np.angle(reflected), 2 * np.pi)
+
+
+def _reference_phase(direct: Complexes) -> Floats:
+    # not angle() alone: that of a zero with a negative sign is pi
+    return np.where(direct == 0, 0.0, np.angle(direct))
 
 
 def nearest_phases(direct: Complexes, reflected: Complexes, levels: int) -> Floats:
@@ -179,7 +184,7 @@ def optimal_phases(direct: Complexes, reflected: Complexes, levels: int) -> Floa
     switches every sub-surface exactly once, so one of N + 1 settings is optimal (arXiv 2211.04704, 2211.04167).
     """
     delta = 2 * np.pi / levels
-    start = np.angle(direct)[:, None] - delta / 2 - np.angle(reflected)
+    start = _reference_phase(direct)[:, None] - delta / 2 - np.angle(reflected)
     step = np.rint(start / delta)
     switch = (step + 0.5) * delta - start
     first = reflected * np.exp(1j * delta * step)

@@ -327,8 +327,11 @@ def test_continuous_phases_attain_the_papers_upper_bound():
 
 def test_without_a_direct_path_the_reference_phase_is_zero():
     _, reflected = random_channels(50, 8, np.random.default_rng(9))
-    turned = reflected * np.exp(1j * continuous_phases(np.zeros(50), reflected))
+    blocked = 0.0 * np.exp(1j * np.linspace(0, 6, 50))  # zeros of either sign
+    turned = reflected * np.exp(1j * continuous_phases(blocked, reflected))
     assert np.abs(np.angle(turned)).max() < 1e-12
+    for phases in (as_printed_phases, nearest_phases, optimal_phases):
+        assert np.array_equal(phases(blocked, reflected, 4), phases(np.zeros(50), reflected, 4))
 
 
 @pytest.mark.parametrize("levels", [2, 3, 4, 8, 64])

@@ -66,7 +66,7 @@ def action_mask(world: World) -> NDArray[np.int8]:
     return legal_moves(world.enterable).reshape(-1, ACTIONS).astype(np.int8)
 
 
-def start_cells(world: World, to_go: NDArray[np.float64], goal: Cell) -> NDArray[np.int64]:
+def start_cells(to_go: NDArray[np.float64], goal: Cell) -> NDArray[np.int64]:
     """Cells, as flat indices, that a random start is drawn from: the goal can be reached, and is not yet."""
     can_reach = np.isfinite(to_go)
     can_reach[goal] = False
@@ -91,22 +91,9 @@ class Tables:
 
 @lru_cache(maxsize=8)
 def tabulate(world: World, goal: Cell) -> Tables:
-    """Tables of a world for one goal, with one run of Dijkstra; kept, so the same goal costs nothing again.
-
-    Raises
-    ------
-    ValueError
-        Where the task ends on violations and failing at once would pay more than the oracle's path.
-    """
+    """Tables of a world for one goal, with one run of Dijkstra; kept, so the same goal costs nothing again."""
     grid, task = world.radio_map.grid, world.task
     to_go = distance_to_go(world.feasible, goal, grid.cell_size)
-    starts = start_cells(world, to_go, goal)
-    detour = float(np.max(to_go.flat[starts] + potential(world, goal).flat[starts], initial=0.0))
-    if task.constraint == "terminate" and detour >= task.goal_bonus:
-        raise ValueError(
-            f"goal_bonus={task.goal_bonus} is too small for constraint='terminate': ending the episode by a violation "
-            f"would pay more than the longest detour of {detour:.3f} m, so a bonus above that is needed"
-        )
     gain_db = world.radio_map.gain_db
     return Tables(
         world=world,
@@ -115,7 +102,7 @@ def tabulate(world: World, goal: Cell) -> Tables:
         cell=_records(distance_to_go=to_go, gain_db=gain_db, margin_db=gain_db - task.target_db),
         action_mask=action_mask(world),
         distance_to_go=to_go,
-        starts=starts,
+        starts=start_cells(to_go, goal),
     )
 
 
@@ -167,3 +154,20 @@ def tables_for(world: World, start: Cell, goal: Cell) -> Tables:
         )
         raise ValueError(f"target_db={world.task.target_db} is infeasible from {start} to {goal}: {advice}")
     return tables
+
+
+def check_task(world: World) -> None:
+    """Refuse a world whose own start and goal cannot be joined, or where giving up would pay.
+
+    Raises
+    ------
+    ValueError
+        As `tables_for`; and where violations end the episode and one at once returns more than the oracle's path.
+    """
+    tables, bonus = tables_for(world, world.start, world.goal), world.task.goal_bonus
+    detour = float(tables.distance_to_go[world.start] + potential(world, world.goal)[world.start])
+    if world.task.constraint == "terminate" and detour >= bonus:
+        raise ValueError(
+            f"goal_bonus={bonus} is too small for constraint='terminate': to end the episode by a violation would pay "
+            f"more than the detour of {detour:.3f} m, so a bonus above that is needed"
+        )

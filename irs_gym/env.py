@@ -8,7 +8,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from irs_gym.dynamics import ACTIONS, draw_start, tables_for
+from irs_gym.dynamics import ACTIONS, check_task, draw_start, tables_for
 from irs_gym.grid import Cell
 from irs_gym.interface import METADATA, RENDERERS, checked_action, checked_options, checked_render_mode, view_of
 from irs_gym.observation import build_observer
@@ -45,7 +45,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     ## Rewards
     Minus the metres of the move, plus the decrease of the octile distance to the goal (potential-based shaping, which
     leaves the best path the best), plus ``goal_bonus`` at the goal. The oracle's path has the largest undiscounted
-    return of all that satisfy the constraint.
+    return of all that satisfy the constraint; under ``"terminate"`` this takes a bonus above the detour,
+    which is checked for the task's own start.
 
     ## Starting State
     The scene's start, or with probability ``random_start`` a cell drawn among those from which the goal can be
@@ -81,6 +82,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.world: World = build_world(task_of(arguments))
+        check_task(self.world)
         self._enter(self.world.start, self.world.goal)
         self.observation_space = self._observer.space
         self.action_space: spaces.Discrete = spaces.Discrete(ACTIONS)  # type: ignore[assignment]
@@ -133,7 +135,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         if not self._is_running:
             raise ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
         entry = self._cell * ACTIONS + checked_action(action)
-        outcome: tuple[Any, ...] = self._tables.transition.item(entry)
+        outcome: Any = self._tables.transition.item(entry)
         next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = outcome
         self._trail.append(next_cell)
         self._cell = next_cell

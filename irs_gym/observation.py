@@ -35,11 +35,16 @@ class Observer:
         Observations of rows ``(..., D)``: views of them, with the leading axes kept.
     """
 
+    world: World
+    goal: Cell
     space: spaces.Space[Any]
     width: int
     rows: Callable[[NDArray[np.int64], Rows], Rows]
     unpack: Callable[[Rows], Any]
     table: Rows | None  # (X * Y, D), where it is small enough to keep
+
+    def __reduce__(self) -> Any:
+        return build_observer, (self.world, self.goal)
 
     def observe(self, cell: int) -> Any:
         """Observation of one flat cell, in memory of its own."""
@@ -98,7 +103,7 @@ def _packed_observer(world: World, goal: Cell) -> Observer:
         name: spaces.Box(-1.0, 1.0, shape, dtype=np.float32) for name, shape in shapes.items()
     }
     space = boxes["flat"] if is_flat else spaces.Dict(boxes)
-    return _keep(space, width, rows, as_is if is_flat else unpack, cells=position.shape[0])
+    return _keep(world, goal, space, width, rows, as_is if is_flat else unpack)
 
 
 def _map_observer(world: World, goal: Cell) -> Observer:
@@ -117,14 +122,20 @@ def _map_observer(world: World, goal: Cell) -> Observer:
     def unpack(row: Rows) -> Rows:
         return row.reshape(*row.shape[:-1], 4, *shape)
 
-    return Observer(spaces.Box(-1.0, 1.0, (4, *shape), dtype=np.float32), 4 * cells, rows, unpack, table=None)
+    space = spaces.Box(-1.0, 1.0, (4, *shape), dtype=np.float32)
+    return Observer(world, goal, space, 4 * cells, rows, unpack, table=None)
 
 
 def _keep(
-    space: spaces.Space[Any], width: int, rows: Callable[..., Rows], unpack: Callable[[Rows], Any], cells: int
+    world: World,
+    goal: Cell,
+    space: spaces.Space[Any],
+    width: int,
+    rows: Callable[[NDArray[np.int64], Rows], Rows],
+    unpack: Callable[[Rows], Any],
 ) -> Observer:
-    table = None
+    table, cells = None, world.feasible.size
     if cells * width * 4 <= _LARGEST_TABLE:
         table = rows(np.arange(cells), np.empty((cells, width), dtype=np.float32))
         table.setflags(write=False)
-    return Observer(space, width, rows, unpack, table)
+    return Observer(world, goal, space, width, rows, unpack, table)

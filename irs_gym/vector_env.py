@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from irs_gym.dynamics import ACTIONS, draw_start, tables_for
+from irs_gym.dynamics import ACTIONS, check_task, draw_start, tables_for
 from irs_gym.grid import Cell
 from irs_gym.infos import Infos, Step
 from irs_gym.interface import METADATA, RENDERERS, checked_actions, checked_options, checked_render_mode, view_of
@@ -65,7 +65,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
         self.world: World = build_world(task_of(arguments))
-        tables_for(self.world, self.world.start, self.world.goal)
+        check_task(self.world)
         self._observer: Observer = build_observer(self.world, self.world.goal)
         self._stack: Stack = build_stack(self.world, (self.world.goal,))
 

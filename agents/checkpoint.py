@@ -1,0 +1,199 @@
+"""`Run`: the folder of one training run, which training writes and evaluation reads.
+
+- ``manifest.json``: status, versions, commit, and each model's file with its SHA-256. It makes a folder a run.
+- ``config.json``: algorithm, seed, environment and settings; a scene or map of the user's own is copied beside it.
+- ``learning_curve.csv``: a row for each evaluation during training.
+- ``best-STEPS.zip``, ``last-STEPS.zip``: models.
+
+Files are replaced as a whole, and a new model gets a new name, so that a run killed at any moment leaves a manifest
+and the models that it names.
+"""
+
+import csv
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib import import_module
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from agents import provenance
+from agents.manifest import Config, Manifest, ModelEntry, Record, Status
+from irs_gym.radio_map import RadioMap, as_scene
+from irs_gym.scene import scene_names
+from irs_gym.task import Task, task_of
+
+MODEL_CLASSES = {"ppo": ("stable_baselines3", "PPO")}
+COPIES = {"scene": "scene.json", "radio_map": "radio_map.npz"}  # of the user's own files, within the folder
+
+
+class RunError(ValueError):
+    """A run folder that is missing, damaged, or not to be replaced."""
+
+
+_AnyRecord = TypeVar("_AnyRecord", bound=Record)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder; `create` makes a new one, `open` checks an old one."""
+
+    folder: Path
+
+    @classmethod
+    def create(cls, folder: str | Path, config: Config, *, overwrite: bool = False) -> "Run":
+        """A new run folder with its configuration, in place of an old run where ``overwrite`` is set.
+
+        Raises
+        ------
+        RunError
+            Where the folder holds a run that is not to be replaced, or anything that is not a run.
+        """
+        run = cls(Path(folder))
+        run.check_vacant(overwrite=overwrite)
+        if run.folder.exists():
+            shutil.rmtree(run.folder)
+        run.folder.mkdir(parents=True)
+        run._write("config.json", config.model_copy(update={"env": _with_copies(config.env, run.folder)}))
+        run._write("manifest.json", Manifest(versions=provenance.versions(), commit=provenance.commit()))
+        return run
+
+    @classmethod
+    def open(cls, folder: str | Path) -> "Run":
+        """An old run folder; raises `RunError` where it is none or damaged."""
+        run = cls(Path(folder))
+        if not (run.folder / "manifest.json").is_file():
+            raise RunError(f"{str(folder)!r} is not a run folder: it has no manifest.json")
+        _ = run.manifest, run.task
+        return run
+
+    def check_vacant(self, *, overwrite: bool) -> None:
+        """Raise `RunError` where `create` would."""
+        if not self.folder.exists() or (self.folder.is_dir() and not any(self.folder.iterdir())):
+            return
+        if not (self.folder / "manifest.json").is_file():
+            raise RunError(f"{str(self.folder)!r} exists and is not a run folder: it is never replaced")
+        if not overwrite:
+            raise RunError(f"{str(self.folder)!r} holds a run: name another folder, or replace it with --overwrite")
+
+    @property
+    def manifest(self) -> Manifest:
+        """Status, versions, commit and models."""
+        return self._read("manifest.json", Manifest)
+
+    @property
+    def config(self) -> Config:
+        """Algorithm, seed and settings."""
+        return self._read("config.json", Config)
+
+    @property
+    def task(self) -> Task:
+        """The environment that was trained on."""
+        arguments = dict(self.config.env)
+        for name, copy in COPIES.items():
+            if arguments.get(name) == copy:
+                arguments[name] = self.folder / copy
+        try:
+            return task_of(arguments)
+        except (TypeError, ValueError) as error:
+            raise RunError(f"{str(self.folder / 'config.json')!r}: {error}") from None
+
+    def set_status(self, status: Status) -> None:
+        """Say in the manifest how the run goes or has ended."""
+        self._write("manifest.json", self.manifest.model_copy(update={"status": status}))
+
+    def save_model(self, name: str, model: Any, steps: int, *, is_success: bool, ratio: float | None) -> None:
+        """Write a model of Stable-Baselines3 under a name (``"best"``, ``"last"``), in place of the one before it."""
+        buffer = BytesIO()
+        model.save(buffer)
+        content, manifest = buffer.getvalue(), self.manifest
+        entry = ModelEntry(
+            file=f"{name}-{steps}.zip",
+            sha256=sha256(content).hexdigest(),
+            steps=steps,
+            is_success=is_success,
+            ratio=ratio,
+        )
+        write_file(self.folder / entry.file, content)
+        self._write("manifest.json", manifest.model_copy(update={"models": {**manifest.models, name: entry}}))
+        old = manifest.models.get(name, entry)
+        if old.file != entry.file:
+            (self.folder / old.file).unlink(missing_ok=True)
+
+    def load_model(self, name: str = "best") -> Any:
+        """The model of that name.
+
+        Reading a model unpickles parts of its file, so a file is read only where the manifest holds its SHA-256.
+        That guards against files that were damaged or exchanged, not against a folder whose maker means harm.
+
+        Raises
+        ------
+        RunError
+            Where the manifest lists no such model, or its file is missing or another.
+        """
+        entry = self.manifest.models.get(name)
+        if entry is None:
+            raise RunError(f"the manifest of {str(self.folder)!r} lists no {name!r} model")
+        path = self.folder / entry.file
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise RunError(f"{str(path)!r}, which the manifest lists, cannot be read: {error.strerror}") from None
+        found = sha256(content).hexdigest()
+        if found != entry.sha256:
+            raise RunError(f"{str(path)!r} is not loaded: its SHA-256 is {found}, and {entry.sha256} in the manifest")
+        module, name = MODEL_CLASSES[self.config.algorithm]
+        return getattr(import_module(module), name).load(BytesIO(content), device="cpu")
+
+    def write_curve(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Write the learning curve: rows with the same keys; a None is left empty."""
+        text = StringIO()
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        write_file(self.folder / "learning_curve.csv", text.getvalue().encode())
+
+    def _read(self, name: str, kind: type[_AnyRecord]) -> _AnyRecord:
+        try:
+            return kind.model_validate_json((self.folder / name).read_bytes())
+        except OSError as error:
+            raise RunError(f"{str(self.folder / name)!r} cannot be read: {error.strerror}") from None
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"]))
+            raise RunError(f"{str(self.folder / name)!r} is damaged: {where or 'the file'}: {first['msg']}") from None
+
+    def _write(self, name: str, record: Record) -> None:
+        write_file(self.folder / name, (record.model_dump_json(indent=2) + "\n").encode())
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file as a whole: whoever reads it finds the old content or the new."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Arguments of an environment with the user's own scene or map copied into the folder."""
+    arguments = dict(env)
+    scene, radio_map = arguments.get("scene"), arguments.get("radio_map")
+    if scene not in (None, *scene_names()):
+        as_scene(scene).save(folder / COPIES["scene"])
+        arguments["scene"] = COPIES["scene"]
+    if radio_map is not None:
+        copy = radio_map if isinstance(radio_map, RadioMap) else RadioMap.load(radio_map)
+        copy.save(folder / COPIES["radio_map"])
+        arguments["radio_map"] = COPIES["radio_map"]
+    return arguments

@@ -1,0 +1,43 @@
+"""What the files of a run folder hold: `Manifest` and `Config`."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Status = Literal["running", "at_optimum", "finished", "interrupted"]
+
+
+class Record(BaseModel):
+    """A frozen JSON object without unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ModelEntry(Record):
+    """A model's file, and how its greedy policy did when it was saved."""
+
+    file: str = Field(pattern=r"^[\w-]+\.zip$")
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    steps: int
+    is_success: bool
+    ratio: float | None  # distance over the oracle's, None for a failure
+
+
+class Manifest(Record):
+    """What ``manifest.json`` holds."""
+
+    format_version: Literal[1] = 1
+    status: Status = "running"
+    versions: dict[str, str]
+    commit: str | None
+    models: dict[str, ModelEntry] = {}
+
+
+class Config(Record):
+    """What ``config.json`` holds."""
+
+    algorithm: Literal["ppo"]
+    seed: int
+    env: dict[str, Any]  # fields of `irs_gym.task.Task`
+    agent: dict[str, Any]  # settings of the algorithm
+    training: dict[str, Any]  # settings of the run

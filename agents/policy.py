@@ -1,0 +1,30 @@
+"""`Policy`: what can be rolled out and scored, the `predict` of Stable-Baselines3."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Policy(Protocol):
+    """A rule that chooses actions from observations; models of Stable-Baselines3 are policies."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[NDArray[np.int64], Any]:
+        """Actions, shape ``()`` for one observation or ``(n,)`` for a batch, and the next state of the policy.
+
+        Parameters
+        ----------
+        observation
+            One observation of the environment, or a batch along the first axis.
+        state, episode_start
+            Memory of recurrent policies and where it is cleared; others return ``state`` as it is.
+        deterministic
+            Whether to take the likeliest action instead of drawing one.
+        """
+        ...

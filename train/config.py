@@ -1,0 +1,85 @@
+"""`TrainConfig`: all settings of a run, and the command line that is made from them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import tyro
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+
+from agents.ppo import PpoConfig
+from irs_gym.radio_map import RadioMap
+from irs_gym.scene import Scene
+from irs_gym.task import Task
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Train an agent, and keep what it becomes in a run folder.
+
+    The agent is tested from the fixed start again and again; its best state is kept. Ctrl-C ends the run in good order.
+    """
+
+    agent: PpoConfig
+    env: Task
+    """What is trained on; tests differ from it by the fixed start alone."""
+    out: Path | None = None
+    """Run folder; None for a new one under runs/, named by algorithm, seed and time."""
+    overwrite: bool = False
+    """Whether an old run in that folder is replaced."""
+    seed: int = 0
+    """Seed of everything random; the same seed gives the same run."""
+    eval_every: int = 8192
+    """Least number of steps between two tests."""
+    stop_at_optimum: bool = True
+    """Whether to stop once the oracle's distance is reached and held; the agent itself never sees the oracle."""
+    hold: int = 3
+    """Tests in a row that must reach the oracle's distance before the run stops."""
+    threads: int = 1
+    """Threads of PyTorch; more than one does not pay for networks this small."""
+    progress: bool = True
+    """Whether to show a progress bar."""
+
+    def __post_init__(self) -> None:
+        for name in ("eval_every", "hold", "threads"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}={getattr(self, name)} must be a positive integer")
+        if not 0 <= self.seed < 2**32:
+            raise ValueError(f"seed={self.seed} must be an integer from 0 to 2**32 - 1")
+
+
+# By algorithm. Where paths differ by 2 % only, an agent finds the best one much more surely with starts in many places.
+DEFAULTS = {
+    "ppo": TrainConfig(agent=PpoConfig(), env=Task(observation="flat", random_start=0.7)),
+}
+
+
+def parse(algorithm: str, arguments: Sequence[str]) -> TrainConfig:
+    """Settings from a command line; ends the program with a message where it is wrong."""
+    return tyro.cli(
+        TrainConfig,
+        default=DEFAULTS[algorithm],
+        args=arguments,
+        prog=f"python -m train {algorithm}",
+        registry=_registry(),
+    )
+
+
+def _registry() -> ConstructorRegistry:
+    """Lets a field that may hold a scene or a map take its name or the path of its file."""
+    registry = ConstructorRegistry()
+
+    @registry.primitive_rule
+    def _name_or_file(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[str | None] | None:
+        if not {Scene, RadioMap} & set(get_args(info.type)):
+            return None
+        return PrimitiveConstructorSpec(
+            nargs=1,
+            metavar="NAME|FILE" if Scene in get_args(info.type) else "FILE",
+            instance_from_str=lambda words: words[0],
+            is_instance=lambda value: value is None or isinstance(value, str | Path),
+            str_from_instance=lambda value: [str(value)],
+        )
+
+    return registry

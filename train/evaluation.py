@@ -1,0 +1,95 @@
+"""`Evaluation`: tests the agent during training, keeps its best state, and says when to stop."""
+
+import time
+from typing import Any
+
+import gymnasium
+from stable_baselines3.common.callbacks import BaseCallback
+
+from agents.checkpoint import Run
+from agents.manifest import Status
+from agents.rollout import Episode, roll_out
+
+
+class Evaluation(BaseCallback):
+    """Plays the greedy policy from the fixed start at the beginning of rollouts, `every` steps or more apart.
+
+    The best state is that of the shortest successful path, the first of equals. The oracle's distance decides on
+    stopping alone.
+    """
+
+    def __init__(self, run: Run, env: gymnasium.Env[Any, Any], every: int, hold: int | None) -> None:
+        super().__init__()
+        self.run, self.env, self.every, self.hold = run, env, every, hold
+        self.rows: list[dict[str, Any]] = []
+        self.best: Episode | None = None
+        self.latest: Episode | None = None
+        self.held = 0
+        self.is_interrupted = False
+
+    @property
+    def is_at_optimum(self) -> bool:
+        """Whether the oracle's distance has been reached and held."""
+        return self.hold is not None and self.held >= self.hold
+
+    @property
+    def status(self) -> Status:
+        """How the training has ended."""
+        if self.is_at_optimum:
+            return "at_optimum"
+        return "interrupted" if self.is_interrupted else "finished"
+
+    @property
+    def summary(self) -> str:
+        """The result in one line."""
+        seen = f"{self.status.replace('_', ' ')} after {self.num_timesteps:,} steps, {self.rows[-1]['seconds']:.0f} s"
+        if self.best is None or self.best.ratio is None:
+            return f"{seen}; no test reached the goal"
+        return f"{seen}; best path {self.best.distance:.3f} m, {self.best.ratio:.3f} times the oracle's"
+
+    def _on_training_start(self) -> None:
+        self._started = time.monotonic()
+        self._last = 0
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps - self._last >= self.every:
+            self._test()
+
+    def _on_step(self) -> bool:
+        return not (self.is_at_optimum or self.is_interrupted)
+
+    def _on_training_end(self) -> None:
+        if self.num_timesteps > self._last and not self.is_at_optimum:
+            self._test()
+
+    def _test(self) -> None:
+        self.latest = episode = roll_out(self.model, self.env)
+        self._last = self.num_timesteps
+        self.held = self.held + 1 if episode.is_optimal else 0
+        self.rows.append(
+            {
+                "steps": self.num_timesteps,
+                "seconds": round(time.monotonic() - self._started, 3),
+                "is_success": int(episode.is_success),
+                "distance": episode.distance,
+                "ratio": episode.ratio,
+                "spl": episode.spl,
+                "refused": episode.refused,
+                "total_reward": episode.total_reward,
+            }
+        )
+        self.run.write_curve(self.rows)
+        if self._is_better(episode):
+            self.best = episode
+            self.save("best")
+
+    def save(self, name: str) -> None:
+        """Write the model, with the result of its latest test, to the run folder."""
+        assert self.latest is not None
+        result = {"is_success": self.latest.is_success, "ratio": self.latest.ratio}
+        self.run.save_model(name, self.model, self.num_timesteps, **result)
+
+    def _is_better(self, episode: Episode) -> bool:
+        if self.best is None or not self.best.is_success:
+            return True
+        return episode.is_success and episode.distance < self.best.distance

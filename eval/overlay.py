@@ -1,0 +1,95 @@
+"""`draw_paths`: paths of policies over the radio map, as a PNG."""
+
+from collections.abc import Mapping
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path
+from matplotlib.transforms import Affine2D
+
+from agents.rollout import Episode
+from irs_gym.task import World
+
+STYLES: tuple[dict[str, Any], ...] = (
+    {"color": "white", "linewidth": 5.0, "linestyle": "-"},
+    {"color": "tab:orange", "linewidth": 2.2, "linestyle": "-"},
+    {"color": "tab:red", "linewidth": 2.2, "linestyle": "--"},
+    {"color": "tab:cyan", "linewidth": 2.2, "linestyle": ":"},
+)
+RIM = [patheffects.withStroke(linewidth=7.0, foreground="black")]
+
+
+def draw_paths(world: World, paths: Mapping[str, Episode]) -> bytes:
+    """A picture of the map, the obstacles, the cells below the target, and up to four paths, each with its length.
+
+    The first path is drawn broadest, so that the others show on it.
+    """
+    figure = Figure(figsize=(8.0, 6.6), layout="constrained")
+    axes = figure.add_subplot()
+    _draw_map(figure, axes, world)
+    for (name, episode), style in zip(paths.items(), STYLES, strict=False):
+        points = world.radio_map.grid.centres()[tuple(episode.path.T)]
+        label = f"{name}: {episode.distance:.3f} m" + ("" if episode.is_success else ", goal not reached")
+        line = axes.plot(*points.T, label=label, solid_capstyle="round", **style)[0]
+        if style is STYLES[0]:
+            line.set_path_effects(RIM)
+    _draw_ends(axes, world)
+    handles, _ = axes.get_legend_handles_labels()
+    handles += [
+        Patch(facecolor="black", label="obstacle"),
+        Patch(facecolor="0.8", edgecolor="0.35", hatch="////", label="below the target"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize="small")
+    axes.set(title=_title(world), xlabel="x (m)", ylabel="y (m)")
+    content = BytesIO()
+    figure.savefig(content, format="png", dpi=150)
+    return content.getvalue()
+
+
+def _draw_map(figure: Figure, axes: Axes, world: World) -> None:
+    """Gain in colour, obstacles in black, cells below the target pale and hatched, the target on the colour bar."""
+    grid, gain_db, target_db = world.radio_map.grid, world.radio_map.gain_db, world.task.target_db
+    (left, bottom), (right, top) = grid.origin, grid.upper
+    free = world.radio_map.free
+    image = axes.imshow(np.where(free, gain_db, np.nan).T, origin="lower", extent=(left, right, bottom, top))
+    axes.set_facecolor("black")
+    bar = figure.colorbar(image, ax=axes, label="expected channel gain (dB)")
+    bar.ax.axhline(target_db, color="white", linewidth=4)
+    bar.ax.axhline(target_db, color="black", linewidth=1.5)
+
+    below = np.argwhere(free & ~world.feasible)
+    if len(below):
+        corners = [grid.origin + cell * grid.cell_size for cell in below]
+        squares = [Path.unit_rectangle().transformed(Affine2D().scale(grid.cell_size).translate(*at)) for at in corners]
+        shape = Path.make_compound_path(*squares)
+        axes.add_patch(PathPatch(shape, facecolor=(1, 1, 1, 0.55), edgecolor="0.35", hatch="////", linewidth=0))
+
+
+def _draw_ends(axes: Axes, world: World) -> None:
+    """Start and goal, access points and panels; the last two are not known for a map from elsewhere."""
+    grid = world.radio_map.grid
+    marks = [("start", "D", "white", [grid.centre(world.start)]), ("goal", "s", "white", [grid.centre(world.goal)])]
+    if world.scene is not None:
+        marks.append(("access point", "^", "tab:red", [each.position[:2] for each in world.scene.access_points]))
+        marks.append(("IRS", "P", "tab:cyan", [each.position[:2] for each in world.scene.irs_panels]))
+    for label, marker, colour, points in marks:
+        if points:
+            x, y = zip(*points, strict=True)
+            axes.plot(x, y, marker, color=colour, markeredgecolor="black", markersize=10, label=label, clip_on=False)
+
+
+def _title(world: World) -> str:
+    task = world.task
+    if world.scene is None:
+        radio = "given map"
+    elif not world.scene.irs_panels:
+        radio = f"scene {world.scene.name!r} without IRS"
+    else:
+        phases = "continuous phases" if task.phase_bits is None else f"{task.phase_bits}-bit phases ({task.quantiser})"
+        radio = f"scene {world.scene.name!r} with IRS, {phases}"
+    return f"{radio}, target {task.target_db:g} dB"

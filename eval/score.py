@@ -1,0 +1,169 @@
+"""`python -m eval score`: a run's policy beside the reference policies, as a table, as JSON and as a picture."""
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from tyro.conf import Positional
+
+from agents import provenance
+from agents.checkpoint import Run, write_file
+from agents.heuristics import REFERENCES
+from agents.policy import Policy
+from agents.rollout import Episode, evaluation_env, roll_out
+from eval.overlay import draw_paths
+
+RANDOM = ("masked_random", "random")  # judged by many episodes; from a fixed start the others always do the same
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a policy achieved over its episodes.
+
+    Attributes
+    ----------
+    success
+        Share of the episodes that reached the goal.
+    distance, ratio
+        Means of the metres travelled, and of these over the oracle's, in the successful episodes; None without any.
+    spl
+        Success weighted by path length: mean over all episodes, 0 for a failure.
+    refused, steps
+        Means over all episodes of the refused moves and of all moves.
+    """
+
+    policy: str
+    episodes: int
+    success: float
+    distance: float | None
+    ratio: float | None
+    spl: float
+    refused: float
+    steps: float
+
+
+def score(policy: str, episodes: Sequence[Episode]) -> Score:
+    """Score of the policy of that name from its episodes, one or more."""
+    successes = [each for each in episodes if each.is_success]
+    return Score(
+        policy=policy,
+        episodes=len(episodes),
+        success=len(successes) / len(episodes),
+        distance=_mean([each.distance for each in successes]),
+        ratio=_mean([each.distance / each.oracle_distance for each in successes]),
+        spl=float(np.mean([each.spl for each in episodes])),
+        refused=float(np.mean([each.refused for each in episodes])),
+        steps=float(np.mean([each.steps for each in episodes])),
+    )
+
+
+def play(
+    env: gymnasium.Env[Any, Any], learned: dict[str, Policy], episodes: int, seed: int
+) -> dict[str, list[Episode]]:
+    """Episodes of each policy by its name: the oracle's, those of the learned policies, those of the other references.
+
+    ``episodes`` is how many the random policies play; one is enough for all others.
+    """
+    references = {name: make(env, seed) for name, make in REFERENCES.items()}
+    policies = {"oracle": references.pop("oracle"), **learned, **references}
+    return {
+        name: [roll_out(policy, env) for _ in range(episodes if name in RANDOM else 1)]
+        for name, policy in policies.items()
+    }
+
+
+def main(
+    runs: Positional[tuple[Path, ...]],
+    model: Literal["best", "last"] = "best",
+    episodes: int = 100,
+    seed: int = 0,
+) -> int:
+    """Score runs against the oracle, from the fixed start, and draw their paths over the map.
+
+    Writes scores.json and paths.png into each run folder.
+
+    Parameters
+    ----------
+    runs
+        Run folders.
+    model
+        Whether the best or the last state of the agent is scored.
+    episodes
+        Episodes of each random policy.
+    seed
+        Seed of the random policies.
+    """
+    if not runs or episodes < 1:
+        print("python -m eval score: name one run folder or more, and 1 episode or more", file=sys.stderr)
+        return 2
+    try:
+        for folder in runs:
+            score_run(Run.open(folder), model, episodes, seed)
+    except (OSError, ValueError) as error:
+        print(f"python -m eval score: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
+    """Score one run: prints the table, writes ``scores.json`` and ``paths.png``, and returns the table's rows.
+
+    Raises
+    ------
+    OSError
+        Where a file of the run cannot be read, or the results cannot be written.
+    ValueError
+        Where the run is damaged; the message names the file.
+    """
+    env = evaluation_env(run.task)
+    played = play(env, {run.config.algorithm: run.load_model(model)}, episodes, seed)
+    scores = [score(name, each) for name, each in played.items()]
+    entry = run.manifest.models[model]
+    learned = played[run.config.algorithm][0]
+
+    record = {
+        "format_version": 1,
+        "model": {"name": model, **entry.model_dump()},
+        "config": run.config.model_dump(),
+        "oracle_distance": learned.oracle_distance,
+        "scores": [asdict(each) for each in scores],
+        "versions": provenance.versions(),
+        "commit": provenance.commit(),
+    }
+    write_file(run.folder / "scores.json", (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
+    paths = {"oracle": played["oracle"][0], run.config.algorithm.upper(): learned}
+    write_file(run.folder / "paths.png", draw_paths(env.unwrapped.world, paths))  # type: ignore[attr-defined]
+    title = f"{run.folder}: {model} model, after {entry.steps:,} steps, at {run.task.target_db:g} dB"
+    Console().print(table(title, scores))
+    print(f"written: {run.folder / 'scores.json'}, {run.folder / 'paths.png'}")
+    return scores
+
+
+def table(title: str, scores: Sequence[Score]) -> Table:
+    """The scores as a table for the terminal."""
+    rows = Table(title=title, caption="metres, and their ratio to the oracle's, are means over successful episodes")
+    rows.add_column("policy", no_wrap=True)
+    for column in ("episodes", "success", "metres", "ratio", "SPL", "refused"):
+        rows.add_column(column, justify="right", no_wrap=True)
+    for each in scores:
+        rows.add_row(
+            each.policy.replace("_", " "),
+            str(each.episodes),
+            f"{each.success:.0%}",
+            "–" if each.distance is None else f"{each.distance:.3f}",
+            "–" if each.ratio is None else f"{each.ratio:.3f}",
+            f"{each.spl:.3f}",
+            f"{each.refused:g}",
+        )
+    return rows
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None

@@ -38,7 +38,7 @@ def checked_action(action: Any) -> int:
     return number
 
 
-def checked_actions(actions: Any, count: int) -> NDArray[np.integer[Any]]:
+def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
     """Actions of ``count`` robots as an array; a ``ValueError`` names the first that is none."""
     checked: NDArray[np.integer[Any]] = np.asarray(actions)
     if checked.shape != (count,) or checked.dtype.kind not in "iu":
@@ -46,10 +46,10 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.integer[Any]]:
             f"actions has the shape {checked.shape} and the type {checked.dtype}, "
             f"but one integer for each of the {count} environments is needed"
         )
-    if np.bitwise_or.reduce(checked) & ~(ACTIONS - 1):  # any bit above the lowest three, or a sign
+    if int(np.bitwise_or.reduce(checked)) & -ACTIONS:  # any bit above the lowest three, or a sign
         first = int(np.flatnonzero((checked < 0) | (checked >= ACTIONS))[0])
         raise ValueError(f"actions[{first}]={checked[first]} must be {_ACTIONS}")
-    return checked
+    return checked.astype(np.int64, copy=False)
 
 
 def checked_options(options: dict[str, Any] | None) -> dict[str, Cell]:

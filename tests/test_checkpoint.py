@@ -1,0 +1,206 @@
+"""Facts of the run folder: what it keeps, what it refuses to load, and what a crash leaves behind."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents import checkpoint
+from agents.checkpoint import Run, RunError, write_file
+from agents.manifest import Config
+from agents.ppo import PpoConfig
+from agents.rollout import arguments_of
+from agents.vec_env import IrsNavVecEnv
+from irs_gym import RadioMap, load_scene
+from irs_gym.task import Task
+
+TASK = Task(observation="flat", patch_radius=1, irs_phases=False)
+TINY = PpoConfig(n_envs=2, n_steps=4, batch_size=8, net_arch=(4,))
+
+
+def config(task: Task = TASK) -> Config:
+    return Config(algorithm="ppo", seed=0, env=arguments_of(task), agent={}, training={})
+
+
+@pytest.fixture(scope="module")
+def models():
+    env = IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK))
+    return [TINY.build(env, seed) for seed in range(2)]
+
+
+@pytest.fixture
+def run(tmp_path) -> Run:
+    return Run.create(tmp_path / "run", config())
+
+
+def save(run: Run, model, steps: int = 8, name: str = "best") -> None:
+    run.save_model(name, model, steps, is_success=True, ratio=1.25)
+
+
+def weights(model) -> np.ndarray:
+    return np.concatenate([each.detach().numpy().ravel() for each in model.policy.parameters()])
+
+
+def model_file(run: Run) -> Path:
+    return run.folder / run.manifest.models["best"].file
+
+
+def test_model_comes_back_as_it_was_saved(run, models):
+    save(run, models[0])
+    loaded = Run.open(run.folder).load_model()
+    assert np.array_equal(weights(loaded), weights(models[0]))
+    assert not np.array_equal(weights(loaded), weights(models[1]))
+
+
+def test_manifest_says_what_the_model_did_and_where_it_comes_from(run, models):
+    save(run, models[0])
+    manifest = Run.open(run.folder).manifest
+    assert (manifest.models["best"].steps, manifest.models["best"].ratio) == (8, 1.25)
+    assert {"python", "irs_gym", "torch", "stable_baselines3"} <= set(manifest.versions)
+
+
+def test_task_comes_back_as_it_was_given(tmp_path):
+    task = replace(TASK, target_db=-62.5, phase_bits=1, start=(0, 3), random_start=0.7)
+    Run.create(tmp_path / "run", config(task))
+    assert Run.open(tmp_path / "run").task == task
+
+
+def test_model_with_one_changed_byte_is_not_loaded(run, models):
+    save(run, models[0])
+    content = bytearray(model_file(run).read_bytes())
+    content[len(content) // 2] ^= 1
+    model_file(run).write_bytes(content)
+    with pytest.raises(RunError, match=r"best-8\.zip' is not loaded: its SHA-256 is [0-9a-f]{64}, and [0-9a-f]{64} in"):
+        run.load_model()
+
+
+def test_model_that_was_exchanged_or_cut_is_not_loaded(run, models):
+    save(run, models[1], name="last")
+    save(run, models[0])
+    whole = model_file(run).read_bytes()
+    for content in ((run.folder / "last-8.zip").read_bytes(), whole[: len(whole) // 2], b""):
+        model_file(run).write_bytes(content)
+        with pytest.raises(RunError, match="is not loaded"):
+            run.load_model()
+
+
+def test_missing_model_is_named(run, models):
+    with pytest.raises(RunError, match="lists no 'best' model"):
+        run.load_model()
+    save(run, models[0])
+    model_file(run).unlink()
+    with pytest.raises(RunError, match=r"best-8\.zip', which the manifest lists, cannot be read"):
+        run.load_model()
+
+
+def test_manifest_cannot_name_a_file_outside_its_folder(run, models):
+    save(run, models[0])
+    manifest = json.loads((run.folder / "manifest.json").read_text())
+    manifest["models"]["best"]["file"] = "../best-8.zip"
+    (run.folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(RunError, match=r"damaged: models\.best\.file"):
+        run.load_model()
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "config.json"])
+def test_damaged_records_are_refused_by_name(run, name):
+    path = run.folder / name
+    path.write_text(path.read_text()[: path.stat().st_size // 2])
+    with pytest.raises(RunError, match=f"{name}' is damaged"):
+        Run.open(run.folder)
+
+
+def test_records_of_another_format_or_with_bad_settings_are_refused(run):
+    for name, old, new in (
+        ("config.json", '"target_db": -61.8', '"target_db": "low"'),
+        ("manifest.json", '"format_version": 1', '"format_version": 2'),
+    ):
+        path = run.folder / name
+        path.write_text(path.read_text().replace(old, new))
+        with pytest.raises(RunError, match=f"{name}'.*{old.split(chr(34))[1]}"):
+            Run.open(run.folder)
+
+
+def test_folder_without_manifest_is_no_run(tmp_path):
+    with pytest.raises(RunError, match=r"not a run folder: it has no manifest\.json"):
+        Run.open(tmp_path)
+
+
+def test_run_is_replaced_only_when_asked(run):
+    (run.folder / "scores.json").write_text("old")
+    with pytest.raises(RunError, match="holds a run"):
+        Run.create(run.folder, config())
+    assert (run.folder / "scores.json").exists()
+    Run.create(run.folder, config(), overwrite=True)
+    assert not (run.folder / "scores.json").exists()
+
+
+@pytest.mark.parametrize("name", ["thesis", "thesis/chapter.txt"])
+def test_what_is_not_a_run_is_never_replaced(tmp_path, name):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis/chapter.txt").write_text("years of work")
+    with pytest.raises(RunError, match="is not a run folder: it is never replaced"):
+        Run.create(tmp_path / name, config(), overwrite=True)
+    assert (tmp_path / "thesis/chapter.txt").read_text() == "years of work"
+
+
+def test_newer_model_takes_the_place_of_the_older(run, models):
+    save(run, models[0], steps=8)
+    save(run, models[1], steps=16)
+    assert [path.name for path in run.folder.glob("*.zip")] == ["best-16.zip"]
+    assert np.array_equal(weights(run.load_model()), weights(models[1]))
+
+
+@pytest.mark.parametrize("written", [0, 1])
+def test_crash_while_a_model_is_saved_leaves_the_one_before(run, models, monkeypatch, written):
+    save(run, models[0], steps=8)
+    calls = []
+
+    def crash(path: Path, content: bytes) -> None:
+        if len(calls) == written:
+            raise KeyboardInterrupt
+        calls.append(path)
+        write_file(path, content)
+
+    monkeypatch.setattr(checkpoint, "write_file", crash)
+    with pytest.raises(KeyboardInterrupt):
+        save(run, models[1], steps=16)
+    assert len(calls) == written
+    assert np.array_equal(weights(Run.open(run.folder).load_model()), weights(models[0]))
+
+
+def test_file_that_cannot_be_replaced_stays_whole(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    write_file(path, b"old")
+
+    def crash(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(checkpoint.os, "replace", crash)
+    with pytest.raises(OSError, match="disk full"):
+        write_file(path, b"new")
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+    assert path.read_bytes() == b"old"
+
+
+def test_own_scene_and_map_are_kept_with_the_run(tmp_path):
+    scene = load_scene("paper").model_copy(update={"name": "mine", "start": (-10.0, 5.0)})
+    scene.save(tmp_path / "mine.json")
+    RadioMap.from_array(np.arange(6.0).reshape(2, 3), 1.0).save(tmp_path / "mine.npz")
+    own_map = Task(radio_map=tmp_path / "mine.npz", start=(0, 0), goal=(1, 1))
+    runs = [
+        Run.create(tmp_path / f"run{n}", config(task))
+        for n, task in enumerate([Task(scene=tmp_path / "mine.json"), own_map])
+    ]
+    (tmp_path / "mine.json").unlink()
+    (tmp_path / "mine.npz").unlink()
+    assert load_scene(runs[0].task.scene) == scene
+    assert RadioMap.load(runs[1].task.radio_map).gain_db.tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert runs[1].task.start == (0, 0)
+
+
+def test_learning_curve_leaves_out_what_is_not_known(run):
+    run.write_curve([{"steps": 8, "ratio": None}, {"steps": 16, "ratio": 1.0}])
+    assert (run.folder / "learning_curve.csv").read_text() == "steps,ratio\n8,\n16,1.0\n"

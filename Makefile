@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/.installed
 
 PYTEST_ARGS ?= -n auto
 DEMO_RUN ?= runs/demo
-DEMO_TRAIN ?= -m train ppo --out $(DEMO_RUN)
+DEMO_TRAIN ?= -m train ppo --out $(DEMO_RUN) --overwrite
 DEMO_SCORE ?= -m eval score $(DEMO_RUN)
 
 .DELETE_ON_ERROR:

@@ -1,0 +1,163 @@
+"""Facts of training: its command line, what it refuses, that it learns, and that it can be repeated and interrupted."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import fields
+from pathlib import Path
+from shlex import split
+
+import numpy as np
+import pytest
+
+from agents.checkpoint import Run
+from agents.rollout import evaluation_env, roll_out
+from irs_gym import RadioMap
+from irs_gym.task import Task
+from train.__main__ import main
+from train.config import DEFAULTS, parse
+
+ROOT = Path(__file__).resolve().parents[1]
+TINY = split(
+    "--agent.n-envs 4 --agent.n-steps 16 --agent.batch-size 32 --agent.n-epochs 2 --agent.net-arch 8 --eval-every 64 "
+    "--env.patch-radius 1 --no-progress"
+)
+
+
+def call(monkeypatch, *words: object) -> int:
+    """Exit status of `python -m train` in this process."""
+    monkeypatch.setattr(sys, "argv", ["train", *map(str, words)])
+    try:
+        return main()
+    except SystemExit as ended:  # the parser's own
+        return ended.code
+
+
+def curve(folder: Path) -> list[dict[str, str]]:
+    with (folder / "learning_curve.csv").open() as file:
+        return [{name: value for name, value in row.items() if name != "seconds"} for row in csv.DictReader(file)]
+
+
+def open_floor(folder: Path) -> list[str]:
+    """Arguments for a small map without obstacles."""
+    RadioMap.from_array(np.zeros((5, 4)), 1.0).save(folder / "floor.npz")
+    return split(f"--env.radio-map {folder / 'floor.npz'} --env.start 0 0 --env.goal 4 2")
+
+
+def test_every_argument_of_the_environment_is_on_the_command_line():
+    given = {
+        "scene": "some.json", "target_db": -60.5, "cell_size": 1.0, "irs_elements": 400, "phase_bits": 2,
+        "quantiser": "optimal", "array_model": "coherent", "patch_radius": 3, "observation": "dict",
+        "irs_phases": False, "constraint": "allow", "random_start": 0.25, "shaping": False, "goal_bonus": 3.5,
+        "start": (1, 2), "goal": (3, 4),
+    }  # fmt: skip
+    words = []
+    for name, value in given.items():
+        option = f"--env.{'no-' if value is False else ''}{name.replace('_', '-')}"
+        words += [option] if value is False else [option, *map(str, value if isinstance(value, tuple) else [value])]
+    assert parse("ppo", words).env == Task(**given)
+    own_map = split("--env.radio-map my.npz --env.start 0 0 --env.goal 1 1")
+    assert parse("ppo", own_map).env.radio_map == "my.npz"
+    assert {*given, "radio_map"} == {each.name for each in fields(Task)}
+
+
+def test_command_line_without_words_gives_the_tuned_settings():
+    assert parse("ppo", []) == DEFAULTS["ppo"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--env.target-db -50", "target_db=-50.0 is infeasible"),
+        ("--env.phase-bits 0", "phase_bits=0"),
+        ("--env.target-db nan", "target_db=nan"),
+        ("--env.quantiser best", "best"),
+        ("--env.scene nowhere.json", "nowhere.json"),
+        ("--env.irs-elements 1201", "irs_elements=1201"),
+        ("--env.start 20 20", "start=(20, 20) lies in an obstacle"),
+        ("--agent.batch-size 1000", "batch_size=1000"),
+        ("--agent.gamma 1.5", "gamma=1.5"),
+        ("--agent.learning-rate nan", "learning_rate=nan"),
+        ("--hold 0", "hold=0"),
+        ("--agent.epochs 3", "--agent.epochs"),
+    ],
+)
+def test_bad_settings_are_refused_before_any_file_is_written(monkeypatch, capsys, tmp_path, words, message):
+    assert call(monkeypatch, "ppo", "--out", tmp_path / "run", *split(words)) == 2
+    said = " ".join(capsys.readouterr().err.replace("│", " ").split())
+    assert message in said
+    assert "Traceback" not in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_unknown_algorithm_is_answered_with_the_known_ones(monkeypatch, capsys):
+    assert call(monkeypatch, "pop") == 2
+    assert "{ppo}" in capsys.readouterr().out
+
+
+def test_run_folder_in_use_is_refused_unless_it_may_be_replaced(monkeypatch, capsys, tmp_path):
+    words = ["ppo", "--out", tmp_path, *TINY, "--agent.total-timesteps", 64]
+    assert call(monkeypatch, *words) == 0
+    manifest = (tmp_path / "manifest.json").read_bytes()
+    assert call(monkeypatch, *words) == 2
+    assert "holds a run" in capsys.readouterr().err
+    assert (tmp_path / "manifest.json").read_bytes() == manifest
+    assert call(monkeypatch, *words, "--overwrite", "--seed", 1) == 0
+    assert Run.open(tmp_path).config.seed == 1
+
+
+def test_same_seed_gives_the_same_learning_curve_and_another_seed_another(monkeypatch, tmp_path):
+    for name, seed in (("first", 3), ("again", 3), ("other", 4)):
+        call(monkeypatch, "ppo", "--out", tmp_path / name, *TINY, "--agent.total-timesteps", 640, "--seed", seed)
+    first, again, other = (curve(tmp_path / name) for name in ("first", "again", "other"))
+    assert [int(row["steps"]) for row in first] == list(range(64, 641, 64))
+    assert first == again
+    assert first != other
+
+
+def test_ppo_finds_the_optimum_of_an_open_floor_and_stops_there(monkeypatch, tmp_path):
+    words = split("--agent.n-envs 16 --agent.n-steps 32 --agent.batch-size 128 --eval-every 512 --no-progress")
+    assert call(monkeypatch, "ppo", "--out", tmp_path / "run", *words, *open_floor(tmp_path)) == 0
+    run = Run.open(tmp_path / "run")
+    assert run.manifest.status == "at_optimum"
+    assert roll_out(run.load_model(), evaluation_env(run.task)).is_optimal
+    rows = curve(run.folder)
+    assert [float(row["ratio"]) for row in rows[-3:]] == pytest.approx([1.0] * 3)
+    assert run.manifest.models["best"].steps <= int(rows[-3]["steps"])
+    assert int(rows[-1]["steps"]) < run.config.agent["total_timesteps"] / 10
+
+
+def test_best_model_is_that_of_the_shortest_tested_path(monkeypatch, tmp_path):
+    words = [*TINY, "--no-stop-at-optimum", "--agent.total-timesteps", 3200, "--agent.learning-rate", 0.01]
+    assert call(monkeypatch, "ppo", "--out", tmp_path / "run", *words, *open_floor(tmp_path)) == 0
+    run = Run.open(tmp_path / "run")
+    rows = [row for row in curve(run.folder) if row["is_success"] == "1"]
+    shortest = min(rows, key=lambda row: float(row["distance"]))
+    assert run.manifest.models["best"].steps == int(shortest["steps"])
+    assert roll_out(run.load_model(), evaluation_env(run.task)).distance == float(shortest["distance"])
+    assert run.manifest.models["last"].steps == 3200
+    assert run.manifest.status == "finished"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGINT for one process there")
+def test_ctrl_c_saves_the_run_and_ends_without_a_traceback(tmp_path):
+    command = [sys.executable, "-m", "train", "ppo", "--out", str(tmp_path / "run"), "--no-progress"]
+    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not (tmp_path / "run/learning_curve.csv").exists():
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "interrupted after" in out
+    assert "Traceback" not in err
+    run = Run.open(tmp_path / "run")
+    assert run.manifest.status == "interrupted"
+    assert run.manifest.models["last"].steps == int(curve(run.folder)[-1]["steps"])
+    for name in ("best", "last"):
+        run.load_model(name)

@@ -120,8 +120,8 @@ def draw_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
     starts = tabulate(world, goal).starts
     if not len(starts):
         raise ValueError(f"goal={goal} cannot be reached from any other cell at target_db={world.task.target_db}")
-    i, j = np.unravel_index(starts[rng.integers(len(starts))], world.radio_map.grid.shape)
-    return int(i), int(j)
+    i, j = divmod(int(starts[rng.integers(len(starts))]), world.feasible.shape[1])
+    return i, j
 
 
 def check_cell(world: World, name: str, cell: Cell) -> None:

@@ -17,7 +17,7 @@ class Trail(Sequence[Cell]):
 
     __slots__ = ("_cells", "_columns", "_states")
 
-    def __init__(self, states: NDArray[np.int64], shape: tuple[int, int]) -> None:
+    def __init__(self, states: NDArray[np.integer[Any]], shape: tuple[int, int]) -> None:
         """Hold flat cells ``(T,)`` of a map of the given shape; repetitions in a row count once."""
         self._states, self._columns = states, shape[1]
         self._cells: list[Cell] | None = None
@@ -59,7 +59,7 @@ class History:
 
     def __init__(self, num_robots: int, length: int, shape: tuple[int, int]) -> None:
         """Remember ``length`` steps of robots on a map of the given shape."""
-        self._rows = np.zeros((length, num_robots), dtype=np.int64)
+        self._rows = np.zeros((length, num_robots), dtype=np.int32)  # small, to leave the caches to the tables
         self._now, self._shape = 0, shape
 
     def advance(self, cells: NDArray[np.int64]) -> None:
@@ -74,6 +74,7 @@ class History:
     def trails(self, chosen: NDArray[np.int64], steps: NDArray[np.int64]) -> list[Trail]:
         """Trails of the chosen robots over their latest ``steps``, each in memory of its own."""
         longest = int(steps.max(initial=0))
-        when = np.arange(self._now - longest, self._now + 1) % len(self._rows)
-        block = self._rows[when[:, None], chosen]
+        first, end = self._now - longest, self._now + 1
+        parts = [self._rows[first:end]] if first >= 0 else [self._rows[first:], self._rows[:end]]
+        block = np.concatenate([part.take(chosen, axis=1) for part in parts])  # (longest + 1, len(chosen))
         return [Trail(block[longest - count :, n], self._shape) for n, count in enumerate(steps.tolist())]

@@ -151,14 +151,10 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     def _begin(self, chosen: NDArray[np.int64], start: Cell | None = None, goal: Cell | None = None) -> None:
         """Start an episode in the chosen environments."""
         goal = goal or self.world.goal
-        cells = [start or self._draw_start(i, goal) for i in chosen]
-        if not self.task.random_start or start is not None:
-            tables_for(self.world, cells[0], goal)
-        for i in chosen:
+        flat = self._starts(chosen, start, goal)
+        for i in chosen.tolist():
             self._goals[i] = goal
         self._restack(goal)
-        shape = self.world.feasible.shape
-        flat = np.ravel_multi_index(np.array(cells).T, shape)
         # Infos hold on to the arrays so far: episodes begin in new ones.
         self._state = _with(self._state, chosen, flat + self._stack.first_state(goal))
         self._oracle_distance = _with(
@@ -199,9 +195,10 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     def _end(self, infos: Infos, ended: NDArray[np.int64]) -> Infos:
         """Put in the paths of the episodes that ended and, with autoreset in the same step, begin anew."""
         is_ended, steps = self._has_ended, self._clock - (self._deadline[ended] - self.max_episode_steps)
-        infos["path"], infos["_path"] = np.full(self.num_envs, None, dtype=object), is_ended.copy()
-        for i, trail in zip(ended, self._history.trails(ended, steps), strict=True):
-            infos["path"][i] = trail
+        paths = np.full(self.num_envs, None, dtype=object)
+        for i, trail in zip(ended.tolist(), self._history.trails(ended, steps), strict=True):
+            paths[i] = trail
+        infos["path"], infos["_path"] = paths, is_ended.copy()
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             return infos
 
@@ -209,7 +206,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         final["path"], final["_path"] = infos["path"], infos["_path"]
         final_obs = np.full(self.num_envs, None, dtype=object)
         rows = np.empty((len(ended), self._observer.width), dtype=np.float32)
-        for row, i in zip(self._stack.observe(self._state[ended], rows), ended, strict=True):
+        for i, row in zip(ended.tolist(), self._stack.observe(self._state[ended], rows), strict=True):
             final_obs[i] = self._observer.unpack(row)
         self._begin(ended)
         step = infos.step
@@ -218,10 +215,21 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         infos.update(final_obs=final_obs, _final_obs=is_ended, final_info=final, _final_info=is_ended)
         return infos
 
+    def _starts(self, chosen: NDArray[np.int64], start: Cell | None, goal: Cell) -> NDArray[np.int64]:
+        """Flat cells that the chosen environments start in: the given one, the world's, or one drawn for each."""
+        own = start or self.world.start
+        fixed = own[0] * self.world.feasible.shape[1] + own[1]
+        if start is not None or not self.task.random_start:
+            tables_for(self.world, own, goal)
+            return np.full(len(chosen), fixed)
+        cells = np.array([self._draw_start(i, goal) for i in chosen.tolist()])
+        flat = cells @ np.array([self.world.feasible.shape[1], 1])
+        if fixed in flat:
+            tables_for(self.world, own, goal)
+        return np.asarray(flat)
+
     def _draw_start(self, i: int, goal: Cell) -> Cell:
         probability = self.task.random_start
-        if not probability:
-            return self.world.start
         rng = self._rngs[i]
         if rng is None:
             rng = self._rngs[i] = seeding.np_random()[0]

@@ -159,6 +159,13 @@ def test_a_bad_reset_mask_is_refused(mask):
         env.reset(options={"reset_mask": mask})
 
 
+def test_a_goal_that_the_own_start_cannot_reach_is_refused_where_starts_are_drawn_too():
+    env = gymnasium.make_vec(ID, num_envs=20, random_start=0.5, **OFTEN)
+    with pytest.raises(ValueError, match="must differ from the goal"):
+        env.reset(seed=0, options={"goal": OFTEN["start"]})
+    env.reset(seed=0, options={"goal": OFTEN["start"], "start": OFTEN["goal"]})
+
+
 @pytest.mark.parametrize("observation", ["dict", "map"])
 def test_environments_with_goals_of_their_own_equal_single_ones(observation):
     kwargs = {"observation": observation, "target_db": -62.2, "max_episode_steps": 25, "patch_radius": 3}

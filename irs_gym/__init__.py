@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from irs_gym.radio_map import build_radio_map as build_radio_map
     from irs_gym.scene import Scene as Scene
     from irs_gym.scene import load_scene as load_scene
+    from irs_gym.sionna import from_sionna as from_sionna
+    from irs_gym.straight_line import straight_line_bound as straight_line_bound
+    from irs_gym.trade_off_curve import TradeOff as TradeOff
+    from irs_gym.trade_off_curve import trade_off as trade_off
 
 __version__ = "0.1.0"
 
@@ -31,6 +35,10 @@ _HOMES = {
     "build_radio_map": "radio_map",
     "Scene": "scene",
     "load_scene": "scene",
+    "from_sionna": "sionna",
+    "straight_line_bound": "straight_line",
+    "TradeOff": "trade_off_curve",
+    "trade_off": "trade_off_curve",
 }
 __all__ = ["__version__", *_HOMES]
 

@@ -59,7 +59,7 @@ def shortest_path(feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_siz
     ValueError
         Where an end lies off the map.
     """
-    source, target = _flat(feasible, start, "start"), _flat(feasible, goal, "goal")
+    source, target = flat_cell(feasible, start, "start"), flat_cell(feasible, goal, "goal")
     if not (feasible[start] and feasible[goal]):
         return None
     _, before = dijkstra(_graph(feasible), indices=source, return_predecessors=True)
@@ -77,7 +77,7 @@ def distance_to_go(feasible: NDArray[np.bool_], goal: Cell, cell_size: float) ->
 
     Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` for a goal off the map.
     """
-    target = _flat(feasible, goal, "goal")
+    target = flat_cell(feasible, goal, "goal")
     if not feasible[goal]:
         return np.full(feasible.shape, np.inf)
     # Moves are symmetric, so distances from the goal are distances to it.
@@ -93,7 +93,7 @@ def descend(to_go: NDArray[np.float64], start: Cell, cell_size: float) -> Path:
     ValueError
         Where the goal cannot be reached from ``start``.
     """
-    _flat(to_go, start, "start")
+    flat_cell(to_go, start, "start")
     if not np.isfinite(to_go[start]):
         raise ValueError(f"the goal cannot be reached from start={tuple(start)}")
     cells = [np.array(start)]
@@ -117,7 +117,7 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     gain_db
         Shape ``(X, Y)``; -inf in obstacles.
     """
-    source, target = _flat(gain_db, start, "start"), _flat(gain_db, goal, "goal")
+    source, target = flat_cell(gain_db, start, "start"), flat_cell(gain_db, goal, "goal")
     # The tree is grown on ranks, 1 for the highest gain: positive weights whose order is that of the gains.
     levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)
     rows, second, _ = edges(np.isfinite(gain_db))
@@ -133,7 +133,8 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     return -float(levels[widest])
 
 
-def _flat(array: NDArray[np.generic], cell: Cell, name: str) -> int:
+def flat_cell(array: NDArray[np.generic], cell: Cell, name: str) -> int:
+    """Flat index of a cell; a ``ValueError`` that names it where it lies off the map."""
     if not (0 <= cell[0] < array.shape[0] and 0 <= cell[1] < array.shape[1]):
         raise ValueError(f"{name}={tuple(cell)} lies off the map of {array.shape} cells")
     columns: int = array.shape[1]

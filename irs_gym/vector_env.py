@@ -110,8 +110,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self, actions: NDArray[np.integer[Any]]
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Move every robot once; see `IrsNavEnv`."""
-        if not self._is_reset:
-            raise ResetNeeded("no episode has begun: call reset() before step()")
+        self._check_running()
         entry = self._state * ACTIONS + checked_actions(actions, self.num_envs)
         stack = self._stack
         state, reward = stack.next_state.take(entry), stack.reward.take(entry)
@@ -179,11 +178,6 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
 
     def _resume(self, state: NDArray[np.int64], *outcome: NDArray[Any] | None) -> NDArray[np.int64]:
         """Begin anew, in place of this step and its outcome, where the last one ended an episode."""
-        if self.autoreset_mode is not AutoresetMode.NEXT_STEP:
-            raise ResetNeeded(
-                f"environments {np.flatnonzero(self._has_ended).tolist()} have ended: reset them with "
-                "options={'reset_mask': ...} before step()"
-            )
         ended = np.flatnonzero(self._has_ended)
         self._begin(ended)
         state[ended] = self._state[ended]
@@ -294,6 +288,15 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         return self._history.trails(np.array([i]), steps)[0]
 
     # --- what is accepted -------------------------------------------------------------------------------------------
+
+    def _check_running(self) -> None:
+        if not self._is_reset:
+            raise ResetNeeded("no episode has begun: call reset() before step()")
+        if self._num_ended and self.autoreset_mode is AutoresetMode.DISABLED:
+            raise ResetNeeded(
+                f"environments {np.flatnonzero(self._has_ended).tolist()} have ended: reset them with "
+                "options={'reset_mask': ...} before step()"
+            )
 
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
         if mask is None:

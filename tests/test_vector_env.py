@@ -148,7 +148,9 @@ def test_a_reset_mask_leaves_the_others_alone():
     with pytest.raises(ResetNeeded, match=r"environments \[1, 3\] have ended"):
         env.step(np.zeros(4, dtype=int))
     env.reset(options={"reset_mask": ~mask})
-    env.step(np.zeros(4, dtype=int))
+    truncated = env.step(np.zeros(4, dtype=int))[3]  # the refused step left no trace
+    assert not truncated.any()
+    assert env.step(np.zeros(4, dtype=int))[3].tolist() == mask.tolist()
 
 
 @pytest.mark.parametrize("mask", [np.zeros(2, bool), np.ones(3, bool), np.ones(2), [1, 0]])

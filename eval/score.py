@@ -140,15 +140,15 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
     write_file(run.folder / "scores.json", (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
     paths = {"oracle": played["oracle"][0], run.config.algorithm.upper(): learned}
     write_file(run.folder / "paths.png", draw_paths(env.unwrapped.world, paths))  # type: ignore[attr-defined]
-    title = f"{run.folder}: {model} model, after {entry.steps:,} steps, at {run.task.target_db:g} dB"
-    Console().print(table(title, scores))
-    print(f"written: {run.folder / 'scores.json'}, {run.folder / 'paths.png'}")
+    print(f"{run.folder}: {model} model, after {entry.steps:,} steps, at {run.task.target_db:g} dB")
+    Console().print(table(scores))
+    print(f"written: {run.folder / 'scores.json'} and paths.png beside it")
     return scores
 
 
-def table(title: str, scores: Sequence[Score]) -> Table:
+def table(scores: Sequence[Score]) -> Table:
     """The scores as a table for the terminal."""
-    rows = Table(title=title, caption="metres, and their ratio to the oracle's, are means over successful episodes")
+    rows = Table(caption="metres, ratio to the oracle's: means over successes")
     rows.add_column("policy", no_wrap=True)
     for column in ("episodes", "success", "metres", "ratio", "SPL", "refused"):
         rows.add_column(column, justify="right", no_wrap=True)

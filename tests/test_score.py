@@ -93,7 +93,8 @@ def test_run_is_scored_beside_all_references(monkeypatch, capsys, run):
     assert record["model"]["sha256"] == run.manifest.models["best"].sha256
     table = capsys.readouterr().out
     assert all(name.replace("_", " ") in table for name in rows)
-    assert Image.open(run.folder / "paths.png").size == (1200, 990)
+    with Image.open(run.folder / "paths.png") as picture:
+        assert picture.size == (1200, 990)
 
 
 def test_several_runs_are_scored_in_one_call(monkeypatch, run, tmp_path):

@@ -1,6 +1,7 @@
 """`Infos`: the infos of a step of many robots, a dict whose arrays are computed when they are first looked at."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,20 +49,29 @@ class Infos(dict[str, Any]):
     It reads like any dict. Asking for one key computes that key; whatever looks at all of them computes all.
     """
 
-    def __init__(self, step: Step, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Infos of a step; with ``chosen`` ``(n,)``, of those environments alone, and zero for the others."""
+    def __init__(
+        self,
+        step: Step,
+        chosen: NDArray[np.bool_] | None = None,
+        more: Mapping[str, Callable[[Step], NDArray[Any]]] = MappingProxyType({}),
+    ) -> None:
+        """Infos of a step; with ``chosen`` ``(n,)``, of those environments alone, and zero for the others.
+
+        ``more`` holds how further keys are computed.
+        """
         super().__init__()
         self.step, self._chosen = step, chosen
+        self._values: Mapping[str, Callable[[Step], NDArray[Any]]] = {**_VALUES, **more} if more else _VALUES
 
     def __missing__(self, key: str) -> Any:
-        value = _VALUES[key](self.step)
+        value = self._values[key](self.step)
         if self._chosen is not None:
             value = only(value, self._chosen)
         self[key] = value
         return value
 
     def __contains__(self, key: object) -> bool:
-        return key in _VALUES or super().__contains__(key)
+        return key in self._values or super().__contains__(key)
 
     def get(self, key: str, default: Any = None) -> Any:
         """The value of a key, or the default."""
@@ -69,9 +79,10 @@ class Infos(dict[str, Any]):
 
     def fill(self) -> "Infos":
         """Compute all that has not been looked at."""
-        for key in _VALUES:
+        for key in self._values:
             if not super().__contains__(key):
                 self.__missing__(key)
+        self._values = {}  # all is there: a key that is deleted from now on stays away
         return self
 
     def __reduce__(self) -> Any:

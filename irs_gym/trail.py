@@ -1,6 +1,6 @@
 """`Trail`: the cells of an episode as a sequence, and `History`, which remembers those of many robots."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -59,7 +59,8 @@ class History:
 
     def __init__(self, num_robots: int, length: int, shape: tuple[int, int]) -> None:
         """Remember ``length`` steps of robots on a map of the given shape."""
-        self._rows = np.zeros((length, num_robots), dtype=np.int32)  # small, to leave the caches to the tables
+        smallest = np.min_scalar_type(shape[0] * shape[1] - 1)  # leaves the caches to the tables
+        self._rows = np.zeros((length, num_robots), dtype=smallest)
         self._now, self._shape = 0, shape
 
     def advance(self, cells: NDArray[np.int64]) -> None:
@@ -71,10 +72,10 @@ class History:
         """Put the chosen robots elsewhere, at the latest step."""
         self._rows[self._now, chosen] = cells
 
-    def trails(self, chosen: NDArray[np.int64], steps: NDArray[np.int64]) -> list[Trail]:
-        """Trails of the chosen robots over their latest ``steps``, each in memory of its own."""
+    def trails(self, chosen: NDArray[np.int64], steps: NDArray[np.int64]) -> Callable[[], list[Trail]]:
+        """Trails of the chosen robots over their latest ``steps``; copied now, and made on a call."""
         longest = int(steps.max(initial=0))
         first, end = self._now - longest, self._now + 1
         parts = [self._rows[first:end]] if first >= 0 else [self._rows[first:], self._rows[:end]]
         block = np.concatenate([part.take(chosen, axis=1) for part in parts])  # (longest + 1, len(chosen))
-        return [Trail(block[longest - count :, n], self._shape) for n, count in enumerate(steps.tolist())]
+        return lambda: [Trail(block[longest - count :, n], self._shape) for n, count in enumerate(steps.tolist())]

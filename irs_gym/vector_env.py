@@ -1,6 +1,6 @@
 """`IrsNavVectorEnv`: n environments in one, a thin shell over the same tables as the single environment."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._num_ended = 0
         self._clock = 0  # steps of all environments
         self._deadline = np.zeros(n, dtype=np.int64)  # clock at which each is truncated
+        self._first_deadline = 0
         self._goals: list[Cell] = [self.world.goal] * n
         self._rngs: list[np.random.Generator | None] = [None] * n
         self._is_reset = False
@@ -122,15 +123,15 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._state = state
         self._travelled = self._travelled + travel
         self._history.advance(state % self._cells if len(stack.goals) > 1 else state)
-        truncated = self._deadline <= self._clock
+        is_late = self._clock >= self._first_deadline
+        truncated = self._deadline <= self._clock if is_late else np.zeros(self.num_envs, dtype=bool)
         self._has_ended = terminated | truncated
         self._num_ended = int(np.count_nonzero(self._has_ended))
 
-        infos = Infos(self._step(travel, cost, is_success))
+        step = self._step(travel, cost, is_success)
+        infos = self._end(step, np.flatnonzero(self._has_ended)) if self._num_ended else Infos(step)
         if resumed is not None:
             self._with_oracle(infos, resumed)
-        if self._num_ended:
-            infos = self._end(infos, np.flatnonzero(self._has_ended))
         return self._observe(), reward, terminated, truncated, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -163,6 +164,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._has_violated[chosen] = False
         self._has_ended = _with(self._has_ended, chosen, False)
         self._deadline[chosen] = self._clock + self.max_episode_steps
+        self._first_deadline = int(self._deadline.min())
         self._num_ended = int(np.count_nonzero(self._has_ended))
         self._history.begin(chosen, flat)
 
@@ -186,24 +188,19 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
                 array[ended] = 0
         return ended
 
-    def _end(self, infos: Infos, ended: NDArray[np.int64]) -> Infos:
-        """Put in the paths of the episodes that ended and, with autoreset in the same step, begin anew."""
+    def _end(self, step: Step, ended: NDArray[np.int64]) -> Infos:
+        """Infos with the paths of the episodes that ended; with autoreset in the same step, begins anew as well."""
         is_ended, steps = self._has_ended, self._clock - (self._deadline[ended] - self.max_episode_steps)
-        paths = np.full(self.num_envs, None, dtype=object)
-        for i, trail in zip(ended.tolist(), self._history.trails(ended, steps), strict=True):
-            paths[i] = trail
-        infos["path"], infos["_path"] = paths, is_ended.copy()
+        trails = self._history.trails(ended, steps)
+        paths = {"path": lambda _: _objects(self.num_envs, ended, trails()), "_path": lambda _: is_ended.copy()}
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-            return infos
+            return Infos(step, more=paths)
 
-        final = Infos(infos.step._replace(everywhere=is_ended), chosen=is_ended)
-        final["path"], final["_path"] = infos["path"], infos["_path"]
-        final_obs = np.full(self.num_envs, None, dtype=object)
+        final = Infos(step._replace(everywhere=is_ended), is_ended, paths)
         rows = np.empty((len(ended), self._observer.width), dtype=np.float32)
-        for i, row in zip(ended.tolist(), self._stack.observe(self._state[ended], rows), strict=True):
-            final_obs[i] = self._observer.unpack(row)
+        rows = self._stack.observe(self._state[ended], rows)
+        final_obs = _objects(self.num_envs, ended, map(self._observer.unpack, rows))
         self._begin(ended)
-        step = infos.step
         fresh = (None if each is None else _with(each, ended, 0) for each in (step.travel, step.cost, step.is_success))
         infos = self._with_oracle(Infos(self._step(*fresh)), ended)
         infos.update(final_obs=final_obs, _final_obs=is_ended, final_info=final, _final_info=is_ended)
@@ -285,7 +282,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
 
     def _trail(self, i: int) -> Trail:
         steps = self._clock - (self._deadline[[i]] - self.max_episode_steps)
-        return self._history.trails(np.array([i]), steps)[0]
+        return self._history.trails(np.array([i]), steps)()[0]
 
     # --- what is accepted -------------------------------------------------------------------------------------------
 
@@ -316,6 +313,14 @@ def _mode(mode: str | AutoresetMode) -> AutoresetMode:
         if mode in (each.value, each.name, each.name.lower()):
             return each
     raise ValueError(f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}")
+
+
+def _objects(count: int, chosen: NDArray[np.int64], objects: Iterable[Any]) -> NDArray[Any]:
+    """An array ``(count,)`` of the objects of the chosen environments, and None elsewhere."""
+    array = np.full(count, None, dtype=object)
+    for i, each in zip(chosen.tolist(), objects, strict=True):
+        array[i] = each
+    return array
 
 
 def _with(values: NDArray[Any], chosen: NDArray[np.int64], new: Any) -> NDArray[Any]:

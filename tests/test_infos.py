@@ -71,6 +71,9 @@ def test_it_takes_and_loses_keys_like_a_dict(infos):
     del infos["episode"]
     assert "episode" not in infos
     assert infos.pop("spl").tolist() == [0, 0, 0]
+    assert "spl" not in infos
+    with pytest.raises(KeyError):
+        infos["spl"]
 
 
 def test_only_zeroes_the_others():

@@ -31,5 +31,5 @@ def test_the_ring_gives_back_every_trail_however_often_it_went_round():
             history.begin(np.array([n]), np.array([cell]))
             walked[n] = [cell]
         steps = np.array([min(len(each) - 1, 7) for each in walked])
-        for trail, each, count in zip(history.trails(np.arange(4), steps), walked, steps, strict=True):
+        for trail, each, count in zip(history.trails(np.arange(4), steps)(), walked, steps, strict=True):
             assert trail == Trail(np.array(each[len(each) - 1 - count :]), (6, 6))

@@ -20,7 +20,11 @@ def main() -> int:
     except (OSError, ValueError) as error:
         print(f"python -m train {algorithm}: {error}", file=sys.stderr)
         return 2
-    run, evaluation = train(config)
+    try:
+        run, evaluation = train(config)
+    except KeyboardInterrupt:  # before the first step, or for the second time
+        print(f"python -m train {algorithm}: ended at once", file=sys.stderr)
+        return 130
     print(f"{run.folder}: {evaluation.summary}")
     return 130 if evaluation.status == "interrupted" else 0
 

@@ -53,10 +53,14 @@ def __dir__() -> list[str]:
     return sorted([*globals(), *_HOMES])
 
 
-if "IrsNav-v0" not in registry:
-    register(
-        id="IrsNav-v0",
-        entry_point="irs_gym.env:IrsNavEnv",
-        vector_entry_point="irs_gym.vector_env:IrsNavVectorEnv",
-        max_episode_steps=400,
-    )
+for _id, _arguments in {"IrsNav-v0": {}, "IrsNavFlat-v0": {"observation": "flat"}}.items():
+    if _id not in registry:
+        register(
+            id=_id,
+            entry_point="irs_gym.env:IrsNavEnv",
+            vector_entry_point="irs_gym.vector_env:IrsNavVectorEnv",
+            max_episode_steps=400,
+            order_enforce=False,  # the environment itself refuses steps before a reset and after the end
+            disable_env_checker=True,  # and the tests run Gymnasium's checker
+            kwargs=_arguments,
+        )

@@ -29,6 +29,8 @@ def checked_render_mode(render_mode: str | None) -> str | None:
 
 def checked_action(action: Any) -> int:
     """The action as an int; a ``ValueError`` lists the actions for one that is none."""
+    if type(action) is int and 0 <= action < ACTIONS:
+        return action
     try:
         number = index(action)
     except TypeError:

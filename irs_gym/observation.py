@@ -1,7 +1,7 @@
 """`Observer`: what an agent sees of a world, for one goal: spaces, layout and values."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -42,15 +42,25 @@ class Observer:
     rows: Callable[[NDArray[np.int64], Rows], Rows]
     unpack: Callable[[Rows], Any]
     table: Rows | None  # (X * Y, D), where it is small enough to keep
+    _seen: Callable[[int], Any] = field(init=False, repr=False)  # unpacked views of the table's rows
+
+    def __post_init__(self) -> None:
+        # Robots are in the same cells again and again, and to copy parts is faster than to take a copy apart.
+        seen = lru_cache(maxsize=4096)(lambda cell: self.unpack(self.table[cell]))  # type: ignore[index]
+        object.__setattr__(self, "_seen", seen)
 
     def __reduce__(self) -> Any:
         return build_observer, (self.world, self.goal)
 
     def observe(self, cell: int) -> Any:
         """Observation of one flat cell, in memory of its own."""
-        if self.table is not None:
-            return self.unpack(self.table[cell].copy())
-        return self.unpack(self.rows(np.array([cell]), np.empty((1, self.width), dtype=np.float32))[0])
+        if self.table is None:
+            return self.unpack(self.rows(np.array([cell]), np.empty((1, self.width), dtype=np.float32))[0])
+        observation = self._seen(cell).copy()
+        if isinstance(observation, dict):
+            for name in observation:
+                observation[name] = observation[name].copy()
+        return observation
 
 
 @lru_cache(maxsize=8)

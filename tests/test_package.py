@@ -7,6 +7,8 @@ from importlib import metadata
 from importlib.resources import files
 from pathlib import Path
 
+import gymnasium
+
 import irs_gym
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,3 +36,10 @@ def test_import_brings_no_plotting_training_or_window_package():
     imported = set(subprocess.run(report, check=True, capture_output=True, text=True).stdout.split())
     assert "irs_gym" in imported
     assert not {"matplotlib", "pygame", "sb3_contrib", "stable_baselines3", "torch"} & imported
+
+
+def test_flat_id_is_the_other_with_flat_observations():
+    made = gymnasium.make("irs_gym:IrsNavFlat-v0"), gymnasium.make("irs_gym:IrsNav-v0", observation="flat")
+    assert made[0].unwrapped.task == made[1].unwrapped.task
+    many = gymnasium.make_vec("irs_gym:IrsNavFlat-v0", num_envs=3)
+    assert many.single_observation_space == made[0].observation_space

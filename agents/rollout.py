@@ -25,6 +25,9 @@ class Episode:
         Metres travelled, and of the shortest feasible path from the same start.
     spl
         Success weighted by path length: 0 for a failure, else oracle distance over distance.
+    progress
+        Share of the way to the goal that lies behind the robot at the end, in metres to go along feasible cells; 1 at
+        the goal, 0 where it is farther away than at the start or has missed the target.
     refused, steps
         Numbers of refused moves and of all moves.
     total_reward
@@ -37,6 +40,7 @@ class Episode:
     distance: float
     oracle_distance: float
     spl: float
+    progress: float
     refused: int
     steps: int
     total_reward: float
@@ -46,6 +50,11 @@ class Episode:
     def ratio(self) -> float | None:
         """Distance over the oracle's; None for a failure, whose distance says nothing."""
         return self.distance / self.oracle_distance if self.is_success else None
+
+    @property
+    def soft_spl(self) -> float:
+        """SPL with progress in place of success (Datta et al. 2020): a failure near the goal counts for something."""
+        return self.progress * self.oracle_distance / max(self.oracle_distance, self.distance)
 
     @property
     def is_optimal(self) -> bool:
@@ -81,18 +90,19 @@ def roll_out(
 ) -> Episode:
     """Play one episode of an `IrsNav-v0` that is made by `gymnasium.make`, which bounds its length."""
     observation, start = env.reset(seed=seed, options=options)
-    info, steps, total_reward, state, is_over = start, 0, 0.0, None, False
+    info, steps, total_reward, state, is_over, has_missed = start, 0, 0.0, None, False, False
     while not is_over:
         is_first = np.array([steps == 0])
         action, state = policy.predict(observation, state, is_first, deterministic)
         observation, reward, is_terminated, is_truncated, info = env.step(int(action))
         steps, total_reward = steps + 1, total_reward + float(reward)
-        is_over = is_terminated or is_truncated
+        is_over, has_missed = is_terminated or is_truncated, has_missed or info["cost"] > 0
     return Episode(
         is_success=info["is_success"],
         distance=info["distance"],
         oracle_distance=start["oracle_distance"],
         spl=info["spl"],
+        progress=0.0 if has_missed else max(0.0, 1.0 - info["distance_to_go"] / start["oracle_distance"]),
         refused=info["refused"],
         steps=steps,
         total_reward=total_reward,

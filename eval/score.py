@@ -33,8 +33,8 @@ class Score:
         Share of the episodes that reached the goal.
     distance, ratio
         Means of the metres travelled, and of these over the oracle's, in the successful episodes; None without any.
-    spl
-        Success weighted by path length: mean over all episodes, 0 for a failure.
+    spl, soft_spl
+        Success weighted by path length, and the same with progress in place of success: means over all episodes.
     refused, steps
         Means over all episodes of the refused moves and of all moves.
     """
@@ -45,6 +45,7 @@ class Score:
     distance: float | None
     ratio: float | None
     spl: float
+    soft_spl: float
     refused: float
     steps: float
 
@@ -59,6 +60,7 @@ def score(policy: str, episodes: Sequence[Episode]) -> Score:
         distance=_mean([each.distance for each in successes]),
         ratio=_mean([each.distance / each.oracle_distance for each in successes]),
         spl=float(np.mean([each.spl for each in episodes])),
+        soft_spl=float(np.mean([each.soft_spl for each in episodes])),
         refused=float(np.mean([each.refused for each in episodes])),
         steps=float(np.mean([each.steps for each in episodes])),
     )
@@ -150,7 +152,7 @@ def table(scores: Sequence[Score]) -> Table:
     """The scores as a table for the terminal."""
     rows = Table(caption="metres, ratio to the oracle's: means over successes")
     rows.add_column("policy", no_wrap=True)
-    for column in ("episodes", "success", "metres", "ratio", "SPL", "refused"):
+    for column in ("episodes", "success", "metres", "ratio", "SPL", "soft-SPL", "refused"):
         rows.add_column(column, justify="right", no_wrap=True)
     for each in scores:
         rows.add_row(
@@ -160,6 +162,7 @@ def table(scores: Sequence[Score]) -> Table:
             "–" if each.distance is None else f"{each.distance:.3f}",
             "–" if each.ratio is None else f"{each.ratio:.3f}",
             f"{each.spl:.3f}",
+            f"{each.soft_spl:.3f}",
             f"{each.refused:g}",
         )
     return rows

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import dataclass
 from io import BytesIO
 
 import numpy as np
@@ -44,7 +45,8 @@ def call(monkeypatch, *words: object) -> int:
 
 def episode(*, is_success: bool, distance: float, refused: int = 0) -> Episode:
     spl = 10.0 / distance if is_success else 0.0
-    return Episode(is_success, distance, 10.0, spl, refused, 20, 0.0, np.zeros((1, 2), dtype=np.int64))
+    progress = 1.0 if is_success else 0.25
+    return Episode(is_success, distance, 10.0, spl, progress, refused, 20, 0.0, np.zeros((1, 2), dtype=np.int64))
 
 
 @pytest.mark.parametrize("target_db", [-63.0, -61.8, -60.0])
@@ -62,6 +64,41 @@ def test_failures_count_as_failures_and_lend_no_distance():
     )
     assert (result.episodes, result.success, result.distance, result.ratio) == (2, 0.5, 12.5, 1.25)
     assert (result.spl, result.refused) == (0.4, 0.5)  # (10 / 12.5 + 0) / 2, and (1 + 0) / 2
+    assert result.soft_spl == 0.525  # (10 / 12.5 + 0.25) / 2: a failure counts by its progress
+
+
+@dataclass
+class Script:
+    """A policy that takes the moves of a list, the last one for ever."""
+
+    moves: list[int]
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        return np.array(self.moves.pop(0) if len(self.moves) > 1 else self.moves[0]), state
+
+
+@pytest.mark.parametrize(
+    ("moves", "progress", "soft_spl"),
+    [
+        ([0], 1.0, 1.0),  # straight to the goal, 4 m away
+        ([2, 6, 0], 1.0, 4 / 6),  # there after 1 m north and 1 m south
+        ([0, 0, 4, 0, 2], (4 - 1 - 2**0.5) / 4, (4 - 1 - 2**0.5) / 5),  # ends at (2, 1) after 5 m
+        ([4], 0.0, 0.0),  # into the wall at once
+        ([2], 0.0, 0.0),  # 1 m north: farther from the goal than at the start
+    ],
+)
+def test_soft_spl_weighs_progress_by_the_way_taken(moves, progress, soft_spl):
+    env = evaluation_env(Task(radio_map=RadioMap.from_array(np.zeros((5, 2)), 1.0), start=(0, 0), goal=(4, 0)))
+    episode = roll_out(Script(moves), env)
+    assert (episode.progress, episode.soft_spl) == pytest.approx((progress, soft_spl))
+
+
+def test_progress_over_cells_below_the_target_is_none():
+    gain_db = np.zeros((5, 2))
+    gain_db[2, 0] = -100.0
+    task = Task(radio_map=RadioMap.from_array(gain_db, 1.0), start=(0, 0), goal=(4, 0), constraint="allow")
+    episode = roll_out(Script([0]), evaluation_env(task))
+    assert (episode.distance, episode.is_success, episode.spl, episode.soft_spl) == (4.0, False, 0.0, 0.0)
 
 
 def test_policy_that_never_arrives_has_no_ratio():

@@ -8,6 +8,7 @@ import tyro
 # Modules are imported when their command is run, so that none pays for the packages of another.
 COMMANDS = {
     "score": "score a trained run against the oracle and draw both paths over the map",
+    "speed": "time the environments beside others",
 }
 
 

@@ -1,5 +1,6 @@
 """`Problem`: what a policy has to solve, and its name in tables; the part of a task that fixes the optimum."""
 
+import re
 from dataclasses import dataclass
 from hashlib import sha256
 
@@ -38,7 +39,7 @@ class Problem:
     @property
     def label(self) -> str:
         """Target, phases, and whatever differs from the paper's: ``"-61.8 dB, 1 bit"``."""
-        parts = [f"{self.target_db:g} dB", self._phases]
+        parts = [f"{self.target_db} dB", self._phases]
         if self.scene not in (None, "paper"):
             parts.append(f"scene {self.scene}")
         if self.irs_elements not in ((), PAPER_ELEMENTS):
@@ -49,6 +50,12 @@ class Problem:
                 parts.append(f"{name.replace('_', ' ')} {getattr(self, name)}")
         parts += [f"{name} {getattr(self, name)}" for name in ("start", "goal") if getattr(self, name)]
         return ", ".join(parts)
+
+    @property
+    def slug(self) -> str:
+        """The label as a part of file names: ``"61.8dB-1-bit"``."""
+        words = self.label.replace(" dB", "dB").replace(",", "")
+        return re.sub(r"[^A-Za-z0-9.]+", "-", words).strip("-")
 
     @property
     def order(self) -> tuple[int, float, str]:
@@ -101,7 +108,7 @@ def problem_of(task: Task) -> Problem:
 
 
 def _scene_name(scene: Scene) -> str:
-    if any(scene == load_scene(name) for name in scene_names() if name == scene.name):
+    if scene.name in scene_names() and scene == load_scene(scene.name):
         return scene.name
     return f"{scene.name}-{_digest(scene.model_dump_json().encode())}"
 

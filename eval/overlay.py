@@ -1,7 +1,6 @@
 """`draw_paths`: paths of policies over the radio map, as a PNG."""
 
 from collections.abc import Mapping
-from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -13,30 +12,29 @@ from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
 from agents.rollout import Episode
+from eval.pictures import as_png
 from irs_gym.task import World
 
-STYLES: tuple[dict[str, Any], ...] = (
-    {"color": "white", "linewidth": 5.0, "linestyle": "-"},
-    {"color": "tab:orange", "linewidth": 2.2, "linestyle": "-"},
-    {"color": "tab:red", "linewidth": 2.2, "linestyle": "--"},
-    {"color": "tab:cyan", "linewidth": 2.2, "linestyle": ":"},
-)
+BROAD: dict[str, Any] = {"color": "white", "linewidth": 5.0, "linestyle": "-"}
+COLOURS = ("tab:orange", "tab:red", "tab:cyan", "magenta", "lime")
+DASHES = ("-", "--", ":", "-.")
 RIM = [patheffects.withStroke(linewidth=7.0, foreground="black")]
 
 
-def draw_paths(world: World, paths: Mapping[str, Episode]) -> bytes:
-    """A picture of the map, the obstacles, the cells below the target, and up to four paths, each with its length.
+def draw_paths(world: World, paths: Mapping[str, Episode], dpi: int = 150, *, in_palette: bool = False) -> bytes:
+    """A picture of the map, the obstacles, the cells below the target, and paths, each with its length.
 
-    The first path is drawn broadest, so that the others show on it.
+    The first path is drawn broadest, so that the others show on it. ``dpi`` and ``in_palette`` are
+    those of `as_png`.
     """
     figure = Figure(figsize=(8.0, 6.6), layout="constrained")
     axes = figure.add_subplot()
     _draw_map(figure, axes, world)
-    for (name, episode), style in zip(paths.items(), STYLES, strict=False):
+    for n, (name, episode) in enumerate(paths.items()):
         points = world.radio_map.grid.centres()[tuple(episode.path.T)]
         label = f"{name}: {episode.distance:.3f} m" + ("" if episode.is_success else ", goal not reached")
-        line = axes.plot(*points.T, label=label, solid_capstyle="round", **style)[0]
-        if style is STYLES[0]:
+        line = axes.plot(*points.T, label=label, solid_capstyle="round", **_style(n))[0]
+        if n == 0:
             line.set_path_effects(RIM)
     _draw_ends(axes, world)
     handles, _ = axes.get_legend_handles_labels()
@@ -46,9 +44,14 @@ def draw_paths(world: World, paths: Mapping[str, Episode]) -> bytes:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize="small")
     axes.set(title=_title(world), xlabel="x (m)", ylabel="y (m)")
-    content = BytesIO()
-    figure.savefig(content, format="png", dpi=150)
-    return content.getvalue()
+    return as_png(figure, dpi, in_palette=in_palette)
+
+
+def _style(n: int) -> dict[str, Any]:
+    """Colour and dashes of path n; 20 paths look different."""
+    if n == 0:
+        return BROAD
+    return {"color": COLOURS[(n - 1) % 5], "linestyle": DASHES[(n - 1) % 4], "linewidth": 2.2}
 
 
 def _draw_map(figure: Figure, axes: Axes, world: World) -> None:

@@ -1,0 +1,186 @@
+"""`python -m eval board`: all runs below a folder on one scoreboard, with the references and every run left out."""
+
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from rich.progress import track
+from tyro.conf import Positional, arg
+
+from agents import provenance
+from agents.checkpoint import write_file
+from agents.problem import Problem
+from agents.rollout import Episode, evaluation_env
+from eval import statistics
+from eval.board_page import markdown
+from eval.learning_curves import draw_curves
+from eval.overlay import draw_paths
+from eval.report import html
+from eval.results import Group, LeftOut, Result, find_runs, read_results
+from eval.standings import Standing, finite, group_names, learned, overall, references
+
+FIGURES = "figures/scoreboard"
+
+
+def main(
+    folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
+    out: Path | None = None,
+    model: Literal["best", "last"] = "best",
+    episodes: int = 100,
+    seed: int = 0,
+) -> int:
+    """Put all runs below a folder on one scoreboard, beside the reference policies.
+
+    Writes report.html, one page that holds everything, and into OUT board.json, scoreboard.md and its figures.
+
+    Parameters
+    ----------
+    folder
+        Folder with run folders, at any depth; report.html is written there.
+    out
+        Folder of the other files; by default the same.
+    model
+        Whether the best or the last state of each agent is scored.
+    episodes
+        Episodes of each random policy.
+    seed
+        Seed of the random policies.
+    """
+    out = out or folder
+    try:
+        if episodes < 1:
+            raise ValueError(f"episodes={episodes} must be 1 or more")
+        results, left_out = read_results(track(find_runs(folder), "reading runs", transient=True), model)
+        if not results:
+            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
+            raise ValueError(f"no complete run lies below {str(folder)!r}{reasons}")
+        board, pictures = build(results, left_out, episodes, seed)
+        board["command"] = shlex.join(["python", "-m", "eval", "board", *sys.argv[2:]])
+        write(board, pictures, folder, out)
+    except (OSError, ValueError) as error:
+        print(f"python -m eval board: {error}", file=sys.stderr)
+        return 2
+    for each in left_out:
+        print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
+    print(f"{len(results)} runs, {len(left_out)} left out; written: {folder / 'report.html'}, {out / 'scoreboard.md'}")
+    return 0
+
+
+def build(
+    results: Sequence[Result], left_out: Sequence[LeftOut], episodes: int, seed: int
+) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """The scoreboard as JSON holds it, and its pictures by their names."""
+    known = {each.group for each in [*results, *left_out] if each.group is not None}
+    groups = sorted(known, key=lambda each: (each.problem.order, each.algorithm, each.settings))
+    names = group_names(groups)
+    by_group = {
+        group: sorted((each for each in results if each.group == group), key=lambda each: each.seed) for group in groups
+    }
+    problems, pictures = [], {}
+    for problem in dict.fromkeys(group.problem for group in groups if by_group[group]):
+        here = {group: found for group, found in by_group.items() if group.problem == problem}
+        first, standings = references(next(found[0] for found in here.values() if found), episodes, seed)
+        standings[1:1] = [learned(names[group], found, _missing(left_out, group)) for group, found in here.items()]
+        named = {names[group]: found for group, found in here.items() if found}
+        drawn = _draw(problem, first["oracle"], named)
+        pictures |= drawn
+        problems.append(_problem_record(problem, first["oracle"], standings, list(drawn)))
+    record = {
+        "format_version": 1,
+        "confidence": statistics.CONFIDENCE,
+        "resamples": statistics.RESAMPLES,
+        "episodes": episodes,
+        "problems": problems,
+        "overall": _overall(by_group, names, len(problems)),
+        "settings": {name: group.values for group, name in names.items()},
+        "runs": [_run_record(each, names[group]) for group, found in by_group.items() for each in found],
+        "left_out": [_left_out_record(each, names) for each in left_out],
+        "trained_with": _unique([each.run.manifest.versions for each in results]),
+        "trained_from": _unique([each.run.manifest.commit for each in results]),
+        "versions": provenance.versions(),
+        "commit": provenance.commit(),
+    }
+    return record, pictures
+
+
+def write(board: dict[str, Any], pictures: dict[str, bytes], folder: Path, out: Path) -> None:
+    """Write the report into the folder of the runs, all else into ``out``."""
+    (out / FIGURES).mkdir(parents=True, exist_ok=True)
+    for name, content in pictures.items():
+        write_file(out / FIGURES / name, content)
+    write_file(out / "board.json", (json.dumps(board, indent=1, allow_nan=False) + "\n").encode())
+    write_file(out / "scoreboard.md", markdown(board, FIGURES).encode())
+    write_file(folder / "report.html", html(board, pictures).encode())
+
+
+def _draw(problem: Problem, oracle: Episode, found: dict[str, list[Result]]) -> dict[str, bytes]:
+    """Learning curves of all seeds, and the path of the worst seed of each algorithm."""
+    worst = {name: max(results, key=lambda each: each.rank) for name, results in found.items()}
+    world = evaluation_env(next(iter(worst.values())).run.task).unwrapped.world  # type: ignore[attr-defined]
+    paths = {f"{name}, seed {each.seed}": each.episode for name, each in worst.items()}
+    curves = {name: [each.curve for each in results] for name, results in found.items()}
+    return {
+        f"{problem.slug}-curves.png": draw_curves(curves),
+        f"{problem.slug}-paths.png": draw_paths(world, {"oracle": oracle, **paths}, dpi=100, in_palette=True),
+    }
+
+
+def _overall(by_group: dict[Group, list[Result]], names: dict[Group, str], problems: int) -> list[dict[str, Any]]:
+    by_name: dict[str, list[list[Result]]] = {}
+    for group, found in by_group.items():
+        if found:
+            by_name.setdefault(names[group], []).append(found)
+    return [overall(name, found, problems) for name, found in by_name.items()]
+
+
+def _problem_record(
+    problem: Problem, oracle: Episode, standings: Sequence[Standing], figures: Sequence[str]
+) -> dict[str, Any]:
+    return {
+        "label": problem.label,
+        "slug": problem.slug,
+        "problem": asdict(problem),
+        "oracle_distance": oracle.distance,
+        "standings": [each.as_json() for each in standings],
+        "figures": list(figures),
+    }
+
+
+def _run_record(result: Result, name: str) -> dict[str, Any]:
+    episode, curve = result.episode, result.curve
+    return {
+        "folder": str(result.run.folder),
+        "problem": result.problem.label,
+        "policy": name,
+        "seed": result.seed,
+        "status": result.run.manifest.status,
+        "is_success": episode.is_success,
+        "is_optimal": episode.is_optimal,
+        "distance": episode.distance,
+        "ratio": episode.ratio,
+        "spl": episode.spl,
+        "soft_spl": episode.soft_spl,
+        "refused": episode.refused,
+        "steps_to_optimum": finite(result.steps_to_optimum),
+        "seconds_to_optimum": finite(result.seconds_to_optimum),
+        "steps": curve.steps[-1],
+        "seconds": curve.seconds[-1],
+    }
+
+
+def _left_out_record(left_out: LeftOut, names: dict[Group, str]) -> dict[str, Any]:
+    group = left_out.group
+    known = {"problem": group.problem.label, "policy": names[group]} if group else {"problem": None, "policy": None}
+    return {"folder": left_out.folder, **known, "reason": left_out.reason}
+
+
+def _missing(left_out: Sequence[LeftOut], group: Group) -> int:
+    return sum(each.group == group for each in left_out)
+
+
+def _unique(items: Sequence[Any]) -> list[Any]:
+    return [each for n, each in enumerate(items) if each not in items[:n]]

@@ -1,0 +1,180 @@
+"""`Result`: what one training run achieved, read from its folder and played anew."""
+
+import csv
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from functools import cached_property
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.checkpoint import Run, RunError
+from agents.manifest import Config
+from agents.problem import Problem, problem_of
+from agents.rollout import TOLERANCE, Episode, evaluation_env, roll_out
+
+COMPLETE = ("at_optimum", "finished")
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Tests of the greedy policy during training, arrays ``(T,)``: when they were, and how they went."""
+
+    steps: NDArray[np.float64]
+    seconds: NDArray[np.float64]
+    spl: NDArray[np.float64]
+    is_optimal: NDArray[np.bool_]
+
+    def first_optimum(self, clock: NDArray[np.float64]) -> float:
+        """Steps or seconds of the first test at the oracle's distance; infinite where none was."""
+        return float(clock[self.is_optimal][0]) if self.is_optimal.any() else inf
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What one run achieved: its best (or last) policy's episode from the fixed start, and the tests on the way."""
+
+    run: Run
+    config: Config
+    problem: Problem
+    episode: Episode
+    curve: Curve
+
+    @property
+    def seed(self) -> int:
+        """Seed of the run."""
+        return self.config.seed
+
+    @property
+    def steps_to_optimum(self) -> float:
+        """Training steps before the first test at the oracle's distance; infinite where none was."""
+        return self.curve.first_optimum(self.curve.steps)
+
+    @property
+    def seconds_to_optimum(self) -> float:
+        """Seconds of training and tests before the first test at the oracle's distance; infinite where none was."""
+        return self.curve.first_optimum(self.curve.seconds)
+
+    @property
+    def rank(self) -> tuple[float, float, int]:
+        """Sorts by ratio, then by steps to the optimum, then by seed."""
+        return inf if self.episode.ratio is None else self.episode.ratio, self.steps_to_optimum, self.seed
+
+    @cached_property
+    def group(self) -> "Group":
+        """The runs that this one is comparable with."""
+        return Group.of(self.problem, self.config)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs that differ in the seed alone: one problem, one algorithm, and the same settings."""
+
+    problem: Problem
+    algorithm: str
+    settings: str  # JSON of all that is no part of the problem, such as {"agent.gamma": 0.98}
+
+    @classmethod
+    def of(cls, problem: Problem, config: Config) -> "Group":
+        """The group of a run with that configuration."""
+        fixed = {each.name for each in fields(Problem)}
+        env = {name: value for name, value in config.env.items() if name not in fixed}
+        parts = {"env": env, "agent": config.agent, "training": config.training}
+        flat = {f"{part}.{name}": value for part, values in parts.items() for name, value in values.items()}
+        return cls(problem, config.algorithm, json.dumps(flat, sort_keys=True))
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The settings by their names."""
+        found: dict[str, Any] = json.loads(self.settings)
+        return found
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A folder below the searched one whose run is no result, and why."""
+
+    folder: str
+    reason: str
+    group: Group | None = None  # where its configuration can be read
+
+
+def find_runs(folder: Path) -> list[Path]:
+    """Folders below, or the folder itself, that hold a run or what is left of one, sorted.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such folder.
+    """
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{str(folder)!r} is not a folder")
+    return sorted({file.parent for name in ("config.json", "manifest.json") for file in folder.rglob(name)})
+
+
+def read_results(folders: Iterable[Path], model: str = "best") -> tuple[list[Result], list[LeftOut]]:
+    """Results of complete runs, and the runs that are left out, in the order of the folders.
+
+    A run is left out where it has not ended, is damaged, no longer does what its manifest says, or repeats another.
+    """
+    results: list[Result] = []
+    left_out: list[LeftOut] = []
+    seen: dict[tuple[Group, int], Path] = {}
+    for folder in folders:
+        group = None
+        try:
+            run = Run.open(folder)
+            group = Group.of(problem_of(run.task), run.config)
+            same = seen.get((group, run.config.seed))
+            if same is not None:
+                raise RunError(f"repeats seed {run.config.seed} of {same}")
+            results.append(read_result(run, model))
+            seen[group, run.config.seed] = folder
+        except (OSError, ValueError) as error:
+            left_out.append(LeftOut(str(folder), str(error), group))
+    return results, left_out
+
+
+def read_result(run: Run, model: str = "best") -> Result:
+    """The result of a complete run.
+
+    Raises
+    ------
+    OSError
+        Where a file of it cannot be read.
+    ValueError
+        Where the run has not ended, is damaged, or its policy no longer does what its manifest says.
+    """
+    manifest, config = run.manifest, run.config
+    if manifest.status not in COMPLETE:
+        raise RunError(f"has not ended: its status is {manifest.status!r}")
+    episode = roll_out(run.load_model(model), evaluation_env(run.task))
+    told = manifest.models[model].ratio
+    if not _is_close(episode.ratio, told):
+        raise RunError(f"its {model} policy now has the ratio {episode.ratio}, and {told} in the manifest")
+    return Result(run, config, problem_of(run.task), episode, _read_curve(run))
+
+
+def _read_curve(run: Run) -> Curve:
+    path = run.folder / "learning_curve.csv"
+    try:
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        steps, seconds, spl, ratio = (
+            np.array([float(row[name] or inf) for row in rows]) for name in ("steps", "seconds", "spl", "ratio")
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise RunError(f"{str(path)!r} is damaged: {error!r}") from None
+    if not rows:
+        raise RunError(f"{str(path)!r} holds no test")
+    return Curve(steps, seconds, spl, ratio <= 1.0 + TOLERANCE)
+
+
+def _is_close(ratio: float | None, told: float | None) -> bool:
+    if ratio is None or told is None:
+        return ratio is told
+    return abs(ratio - told) <= TOLERANCE

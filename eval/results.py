@@ -113,7 +113,8 @@ def find_runs(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise FileNotFoundError(f"{str(folder)!r} is not a folder")
-    return sorted({file.parent for name in ("config.json", "manifest.json") for file in folder.rglob(name)})
+    found = {file.parent for name in ("config.json", "manifest.json") for file in folder.rglob(name)}
+    return sorted(each for each in found if not each.name.startswith("."))  # those are drafts of `Run.create`
 
 
 def read_results(folders: Iterable[Path], model: str = "best") -> tuple[list[Result], list[LeftOut]]:
@@ -150,6 +151,8 @@ def read_result(run: Run, model: str = "best") -> Result:
         Where the run has not ended, is damaged, or its policy no longer does what its manifest says.
     """
     manifest, config = run.manifest, run.config
+    if manifest.status == "failed":
+        raise RunError(f"has failed: {manifest.error}")
     if manifest.status not in COMPLETE:
         raise RunError(f"has not ended: its status is {manifest.status!r}")
     episode = roll_out(run.load_model(model), evaluation_env(run.task))

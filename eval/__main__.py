@@ -7,6 +7,8 @@ import tyro
 
 # Modules are imported when their command is run, so that none pays for the packages of another.
 COMMANDS = {
+    "paper": "compute every claim and figure of the paper and write docs/paper.md",
+    "sionna": "trace the paper's room with Sionna RT and write docs/sionna.md",
     "score": "score a trained run against the oracle and draw both paths over the map",
     "speed": "time the environments beside others",
 }

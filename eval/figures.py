@@ -1,0 +1,89 @@
+"""`save`: a figure as PNG and SVG with its data as CSV beside it, and what all figures share."""
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from agents.checkpoint import write_file
+from irs_gym import Scene
+
+# Told apart by lightness and dashes alone, so that they survive a grey print.
+LINES: dict[str, dict[str, Any]] = {
+    "without IRS": {"color": "#000000", "linestyle": "--", "linewidth": 1.4, "marker": "o"},
+    "1 bit": {"color": "#e08214", "linestyle": "-", "linewidth": 2.2, "marker": "s"},
+    "2 bit": {"color": "#b8ddb0", "linestyle": "-", "linewidth": 3.2, "marker": "^"},
+    "3 bit": {"color": "#762a83", "linestyle": "-.", "linewidth": 1.6, "marker": "v"},
+    "continuous": {"color": "#08306b", "linestyle": ":", "linewidth": 2.0, "marker": "D"},
+}
+START = {"marker": "D", "markersize": 9, "color": "white", "markeredgecolor": "black", "linestyle": "none"}
+GOAL = {"marker": "s", "markersize": 9, "color": "white", "markeredgecolor": "black", "linestyle": "none"}
+ACCESS_POINT = {"marker": "^", "markersize": 11, "color": "black", "markeredgecolor": "white", "linestyle": "none"}
+PANEL = {"marker": "s", "markersize": 10, "color": "black", "markeredgecolor": "white", "linestyle": "none"}
+OBSTACLE = {"facecolor": "#d9d9d9", "edgecolor": "#666666", "hatch": "////", "linewidth": 0.8}
+
+STYLE = {
+    "font.size": 10,
+    "axes.grid": False,
+    "figure.dpi": 100,
+    "savefig.dpi": 150,
+    "svg.hashsalt": "irs_gym",  # the same file for the same data
+    "svg.fonttype": "path",
+    "legend.framealpha": 0.95,
+    "hatch.linewidth": 0.6,
+}
+
+
+@contextmanager
+def new_figure(width: float, height: float) -> Iterator[Figure]:
+    """An empty figure of so many inches, in the style of all."""
+    with matplotlib.rc_context({**matplotlib.rcParamsDefault, "backend": matplotlib.get_backend(), **STYLE}):
+        yield Figure(figsize=(width, height), layout="constrained")
+
+
+def save(figure: Figure, folder: Path, name: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write ``name.png``, ``name.svg`` and ``name.csv`` into a folder, each as a whole."""
+    folder.mkdir(parents=True, exist_ok=True)
+    # Neither dates nor versions, so that nothing but the data changes a file.
+    for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
+        picture = BytesIO()
+        figure.savefig(picture, format=suffix, metadata=metadata)
+        write_file(folder / f"{name}.{suffix}", picture.getvalue())
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([f"{value:.9g}" if isinstance(value, float) else value for value in row] for row in rows)
+    write_file(folder / f"{name}.csv", text.getvalue().encode())
+
+
+def minus(number: float) -> str:
+    """The number with the minus sign of the axes."""
+    return f"{number:g}".replace("-", "\N{MINUS SIGN}")
+
+
+def draw_floor(axes: Axes, scene: Scene) -> None:
+    """Room, obstacles, access points, panels, start and goal, seen from above."""
+    room = scene.room
+    for n, box in enumerate(scene.obstacles):
+        corner, (width, depth, _) = box.lower[:2], box.size
+        label = "obstacle" if n == 0 else None
+        axes.add_patch(Rectangle(corner, width, depth, zorder=2, label=label, **OBSTACLE))
+    for style, points, label in (
+        (ACCESS_POINT, [each.position for each in scene.access_points], "AP"),
+        (PANEL, [each.position for each in scene.irs_panels], "IRS"),
+        (START, [scene.start], "start"),
+        (GOAL, [scene.goal], "goal"),
+    ):
+        if points:
+            x, y = [point[0] for point in points], [point[1] for point in points]
+            axes.plot(x, y, label=label, zorder=5, clip_on=False, **style)
+    axes.set(
+        xlim=(room.x_min, room.x_max), ylim=(room.y_min, room.y_max), aspect="equal", xlabel="x (m)", ylabel="y (m)"
+    )

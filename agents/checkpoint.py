@@ -3,32 +3,36 @@
 - ``manifest.json``: status, versions, commit, and each model's file with its SHA-256. It makes a folder a run.
 - ``config.json``: algorithm, seed, environment and settings; a scene or map of the user's own is copied beside it.
 - ``learning_curve.csv``: a row for each evaluation during training.
-- ``best-STEPS.zip``, ``last-STEPS.zip``: models.
+- ``best-STEPS.zip``, ``last-STEPS.zip`` (``.npz`` for a table): models.
+- ``checkpoint-STEPS.pickle``: the state of a training that has not ended, to go on from; the newest two.
 
 Files are replaced as a whole, and a new model gets a new name, so that a run killed at any moment leaves a manifest
-and the models that it names.
+and the files that it names.
 """
 
 import csv
 import os
+import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
-from importlib import import_module
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any, TypeVar
 
+from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
 from agents import provenance
-from agents.manifest import Config, Manifest, ModelEntry, Record, Status
+from agents.algorithms import load
+from agents.manifest import Config, Entry, Manifest, ModelEntry, Record
 from irs_gym.radio_map import RadioMap, as_scene
 from irs_gym.scene import scene_names
 from irs_gym.task import Task, task_of
 
-MODEL_CLASSES = {"ppo": ("stable_baselines3", "PPO")}
+CHECKPOINTS = 2  # kept, so that there is one to fall back on
 COPIES = {"scene": "scene.json", "radio_map": "radio_map.npz"}  # of the user's own files, within the folder
 
 
@@ -56,11 +60,17 @@ class Run:
         """
         run = cls(Path(folder))
         run.check_vacant(overwrite=overwrite)
-        if run.folder.exists():
-            shutil.rmtree(run.folder)
-        run.folder.mkdir(parents=True)
-        run._write("config.json", config.model_copy(update={"env": _with_copies(config.env, run.folder)}))
-        run._write("manifest.json", Manifest(versions=provenance.versions(), commit=provenance.commit()))
+        target = run.folder.absolute()
+        draft = cls(target.with_name(f".{target.name}.{os.getpid()}"))
+        try:
+            draft.folder.mkdir(parents=True)
+            draft._write("config.json", config.model_copy(update={"env": _with_copies(config.env, draft.folder)}))
+            draft._write("manifest.json", Manifest(versions=provenance.versions(), commit=provenance.commit()))
+            if target.exists():
+                shutil.rmtree(target)
+            draft.folder.rename(target)
+        finally:
+            shutil.rmtree(draft.folder, ignore_errors=True)
         return run
 
     @classmethod
@@ -103,32 +113,37 @@ class Run:
         except (TypeError, ValueError) as error:
             raise RunError(f"{str(self.folder / 'config.json')!r}: {error}") from None
 
-    def set_status(self, status: Status) -> None:
-        """Say in the manifest how the run goes or has ended."""
-        self._write("manifest.json", self.manifest.model_copy(update={"status": status}))
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keeps other processes from training into the folder; raises `RunError` where one does already."""
+        try:
+            with FileLock(self.folder / ".lock", timeout=0):
+                yield
+        except Timeout:
+            raise RunError(f"{str(self.folder)!r} is being trained by another process") from None
+
+    def update(self, **changes: Any) -> None:
+        """Change fields of the manifest, then remove the files that it no longer names."""
+        manifest = self.manifest.model_copy(update=changes)
+        self._write("manifest.json", manifest)
+        named = {entry.file for entry in (*manifest.models.values(), *manifest.checkpoints)}
+        for path in self.folder.iterdir():
+            if re.fullmatch(r"\w+-\d+\.(zip|npz|pickle)", path.name) and path.name not in named:
+                path.unlink(missing_ok=True)
 
     def save_model(self, name: str, model: Any, steps: int, *, is_success: bool, ratio: float | None) -> None:
-        """Write a model of Stable-Baselines3 under a name (``"best"``, ``"last"``), in place of the one before it."""
+        """Write a model under a name (``"best"``, ``"last"``), in place of the one before it."""
         buffer = BytesIO()
         model.save(buffer)
-        content, manifest = buffer.getvalue(), self.manifest
-        entry = ModelEntry(
-            file=f"{name}-{steps}.zip",
-            sha256=sha256(content).hexdigest(),
-            steps=steps,
-            is_success=is_success,
-            ratio=ratio,
-        )
-        write_file(self.folder / entry.file, content)
-        self._write("manifest.json", manifest.model_copy(update={"models": {**manifest.models, name: entry}}))
-        old = manifest.models.get(name, entry)
-        if old.file != entry.file:
-            (self.folder / old.file).unlink(missing_ok=True)
+        file = f"{name}-{steps}.{'npz' if self.config.algorithm == 'q_learning' else 'zip'}"
+        digest = self._write_hashed(file, buffer.getvalue())
+        entry = ModelEntry(file=file, sha256=digest, steps=steps, is_success=is_success, ratio=ratio)
+        self.update(models={**self.manifest.models, name: entry})
 
     def load_model(self, name: str = "best") -> Any:
         """The model of that name.
 
-        Reading a model unpickles parts of its file, so a file is read only where the manifest holds its SHA-256.
+        Reading a network unpickles parts of its file, so a file is read only where the manifest holds its SHA-256.
         That guards against files that were damaged or exchanged, not against a folder whose maker means harm.
 
         Raises
@@ -139,6 +154,25 @@ class Run:
         entry = self.manifest.models.get(name)
         if entry is None:
             raise RunError(f"the manifest of {str(self.folder)!r} lists no {name!r} model")
+        return load(self.config.algorithm, self.read(entry))
+
+    def save_checkpoint(self, content: bytes, steps: int) -> None:
+        """Write the state of the training after so many steps, and keep the one before it."""
+        file = f"checkpoint-{steps}.pickle"
+        entry = Entry(file=file, sha256=self._write_hashed(file, content), steps=steps)
+        older = [each for each in self.manifest.checkpoints if each.file != file]
+        self.update(checkpoints=(entry, *older)[:CHECKPOINTS])
+
+    def rewind(self, checkpoint: Entry, models: Mapping[str, tuple[ModelEntry, bytes]]) -> None:
+        """Go back to where a checkpoint was written, with the models that there were then."""
+        for entry, content in models.values():
+            write_file(self.folder / entry.file, content)
+        older = [each for each in self.manifest.checkpoints if each.steps <= checkpoint.steps]
+        entries = {name: entry for name, (entry, _) in models.items()}
+        self.update(status="running", error=None, models=entries, checkpoints=tuple(older))
+
+    def read(self, entry: Entry) -> bytes:
+        """Content of a file that the manifest lists; raises `RunError` where it is missing or another."""
         path = self.folder / entry.file
         try:
             content = path.read_bytes()
@@ -147,8 +181,7 @@ class Run:
         found = sha256(content).hexdigest()
         if found != entry.sha256:
             raise RunError(f"{str(path)!r} is not loaded: its SHA-256 is {found}, and {entry.sha256} in the manifest")
-        module, name = MODEL_CLASSES[self.config.algorithm]
-        return getattr(import_module(module), name).load(BytesIO(content), device="cpu")
+        return content
 
     def write_curve(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Write the learning curve: rows with the same keys; a None is left empty."""
@@ -167,6 +200,10 @@ class Run:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))
             raise RunError(f"{str(self.folder / name)!r} is damaged: {where or 'the file'}: {first['msg']}") from None
+
+    def _write_hashed(self, file: str, content: bytes) -> str:
+        write_file(self.folder / file, content)
+        return sha256(content).hexdigest()
 
     def _write(self, name: str, record: Record) -> None:
         write_file(self.folder / name, (record.model_dump_json(indent=2) + "\n").encode())

@@ -4,7 +4,9 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Status = Literal["running", "at_optimum", "finished", "interrupted"]
+from agents.algorithms import Algorithm
+
+Status = Literal["running", "at_optimum", "finished", "interrupted", "failed"]
 
 
 class Record(BaseModel):
@@ -13,12 +15,17 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class ModelEntry(Record):
-    """A model's file, and how its greedy policy did when it was saved."""
+class Entry(Record):
+    """A file of the run, and the steps trained when it was written."""
 
-    file: str = Field(pattern=r"^[\w-]+\.zip$")
+    file: str = Field(pattern=r"^[\w-]+\.(zip|npz|pickle)$")
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
     steps: int
+
+
+class ModelEntry(Entry):
+    """A model's file, and how its greedy policy did when it was saved."""
+
     is_success: bool
     ratio: float | None  # distance over the oracle's, None for a failure
 
@@ -31,12 +38,14 @@ class Manifest(Record):
     versions: dict[str, str]
     commit: str | None
     models: dict[str, ModelEntry] = {}
+    checkpoints: tuple[Entry, ...] = ()  # the newest first
+    error: str | None = None  # why the run has failed
 
 
 class Config(Record):
     """What ``config.json`` holds."""
 
-    algorithm: Literal["ppo"]
+    algorithm: Algorithm
     seed: int
     env: dict[str, Any]  # fields of `irs_gym.task.Task`
     agent: dict[str, Any]  # settings of the algorithm

@@ -1,5 +1,6 @@
 """`Policy`: what can be rolled out and scored, the `predict` of Stable-Baselines3."""
 
+from inspect import signature
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,3 +29,8 @@ class Policy(Protocol):
             Whether to take the likeliest action instead of drawing one.
         """
         ...
+
+
+def takes_masks(policy: Policy) -> bool:
+    """Whether ``predict`` needs ``action_masks``, as that of sb3-contrib's MaskablePPO does."""
+    return "action_masks" in signature(policy.predict).parameters

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policy import Policy
+from agents.policy import Policy, takes_masks
 from irs_gym.task import Task
 
 TOLERANCE = 1e-9  # lengths are sums of floats: a path this much longer, in proportion, is as long as the oracle's
@@ -89,11 +89,13 @@ def roll_out(
     options: dict[str, Any] | None = None,
 ) -> Episode:
     """Play one episode of an `IrsNav-v0` that is made by `gymnasium.make`, which bounds its length."""
+    is_masked = takes_masks(policy)
     observation, start = env.reset(seed=seed, options=options)
     info, steps, total_reward, state, is_over, has_missed = start, 0, 0.0, None, False, False
     while not is_over:
         is_first = np.array([steps == 0])
-        action, state = policy.predict(observation, state, is_first, deterministic)
+        mask = {"action_masks": info["action_mask"]} if is_masked else {}
+        action, state = policy.predict(observation, state, is_first, deterministic, **mask)
         observation, reward, is_terminated, is_truncated, info = env.step(int(action))
         steps, total_reward = steps + 1, total_reward + float(reward)
         is_over, has_missed = is_terminated or is_truncated, has_missed or info["cost"] > 0

@@ -1,14 +1,24 @@
-"""`TrainConfig`: all settings of a run, and the command line that is made from them."""
+"""`TrainConfig`: all settings of a run, the command line that is made from them, and those of an old run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import get_args
 
 import tyro
+from pydantic import TypeAdapter
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
+from agents.algorithms import Algorithm
+from agents.checkpoint import Run
+from agents.dqn import DqnConfig
+from agents.manifest import Config
+from agents.maskable_ppo import MaskablePpoConfig
 from agents.ppo import PpoConfig
+from agents.q_learning import QLearningConfig
+from agents.qr_dqn import QrDqnConfig
+from agents.rollout import arguments_of
+from agents.settings import AgentConfig
 from irs_gym.radio_map import RadioMap
 from irs_gym.scene import Scene
 from irs_gym.task import Task
@@ -19,13 +29,16 @@ class TrainConfig:
     """Train an agent, and keep what it becomes in a run folder.
 
     The agent is tested from the fixed start again and again; its best state is kept. Ctrl-C ends the run in good order.
+    A run that was ended so, or killed, goes on with --resume.
     """
 
-    agent: PpoConfig
+    agent: AgentConfig
     env: Task
     """What is trained on; tests differ from it by the fixed start alone."""
     out: Path | None = None
     """Run folder; None for a new one under runs/, named by algorithm, seed and time."""
+    resume: Path | None = None
+    """Run folder to go on with, from its last checkpoint. Its own settings hold; none but progress may be given."""
     overwrite: bool = False
     """Whether an old run in that folder is replaced."""
     seed: int = 0
@@ -36,26 +49,59 @@ class TrainConfig:
     """Whether to stop once the oracle's distance is reached and held; the agent itself never sees the oracle."""
     hold: int = 3
     """Tests in a row that must reach the oracle's distance before the run stops."""
+    checkpoint_every: int = 50_000
+    """Least number of steps between two checkpoints: the most that is lost when the run is killed."""
+    tensorboard: bool = False
+    """Whether to log for TensorBoard, into the run folder."""
     threads: int = 1
     """Threads of PyTorch; more than one does not pay for networks this small."""
     progress: bool = True
     """Whether to show a progress bar."""
 
     def __post_init__(self) -> None:
-        for name in ("eval_every", "hold", "threads"):
+        for name in ("eval_every", "hold", "checkpoint_every", "threads"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name}={getattr(self, name)} must be a positive integer")
         if not 0 <= self.seed < 2**32:
             raise ValueError(f"seed={self.seed} must be an integer from 0 to 2**32 - 1")
 
 
-# By algorithm. Where paths differ by 2 % only, an agent finds the best one much more surely with starts in many places.
-DEFAULTS = {
-    "ppo": TrainConfig(agent=PpoConfig(), env=Task(observation="flat", random_start=0.7)),
+# Where paths differ by 2 % only, an agent finds the best one much more surely with starts in many places.
+DEFAULTS: dict[Algorithm, TrainConfig] = {
+    agent.algorithm: TrainConfig(agent=agent, env=Task(observation="flat", random_start=random_start))
+    for agent, random_start in (
+        (PpoConfig(), 0.7),
+        (MaskablePpoConfig(), 0.7),
+        (DqnConfig(), 0.5),
+        (QrDqnConfig(), 0.5),
+        (QLearningConfig(), 0.5),
+    )
 }
 
+_OF_THE_CALL = ("out", "resume", "overwrite", "progress")  # not of the run, whose result they do not touch
 
-def parse(algorithm: str, arguments: Sequence[str]) -> TrainConfig:
+
+def record_of(config: TrainConfig) -> Config:
+    """What a run folder keeps of the settings."""
+    own = ("agent", "env", "seed", *_OF_THE_CALL)
+    return Config(
+        algorithm=config.agent.algorithm,
+        seed=config.seed,
+        env=arguments_of(config.env),
+        agent=asdict(config.agent),
+        training={name: value for name, value in vars(config).items() if name not in own},
+    )
+
+
+def settings_of(run: Run) -> TrainConfig:
+    """Settings of an old run; raises `ValueError` where there can be no such settings."""
+    record = run.config
+    kind = type(DEFAULTS[record.algorithm].agent)
+    agent = TypeAdapter(kind).validate_python(record.agent)
+    return TrainConfig(agent=agent, env=run.task, seed=record.seed, resume=run.folder, **record.training)
+
+
+def parse(algorithm: Algorithm, arguments: Sequence[str]) -> TrainConfig:
     """Settings from a command line; ends the program with a message where it is wrong."""
     return tyro.cli(
         TrainConfig,

@@ -10,12 +10,14 @@ from agents.checkpoint import Run
 from agents.manifest import Status
 from agents.rollout import Episode, roll_out
 
+_STATE = ("rows", "best", "latest", "held", "_last")
+
 
 class Evaluation(BaseCallback):
     """Plays the greedy policy from the fixed start at the beginning of rollouts, `every` steps or more apart.
 
     The best state is that of the shortest successful path, the first of equals. The oracle's distance decides on
-    stopping alone.
+    stopping alone. An interrupted training ends at the beginning of a rollout.
     """
 
     def __init__(self, run: Run, env: gymnasium.Env[Any, Any], every: int, hold: int | None) -> None:
@@ -26,6 +28,9 @@ class Evaluation(BaseCallback):
         self.latest: Episode | None = None
         self.held = 0
         self.is_interrupted = False
+        self._is_over = False
+        self._last = 0  # steps at the latest test
+        self._seconds = 0.0  # of training before this process
 
     @property
     def is_at_optimum(self) -> bool:
@@ -47,16 +52,30 @@ class Evaluation(BaseCallback):
             return f"{seen}; no test reached the goal"
         return f"{seen}; best path {self.best.distance:.3f} m, {self.best.ratio:.3f} times the oracle's"
 
+    @property
+    def seconds(self) -> float:
+        """Training time so far, without what was lost when a process was killed."""
+        return self._seconds + time.monotonic() - self._started
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What the rest of the run depends on."""
+        return {**{name: vars(self)[name] for name in _STATE}, "_seconds": self.seconds}
+
+    @state.setter
+    def state(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+
     def _on_training_start(self) -> None:
         self._started = time.monotonic()
-        self._last = 0
 
     def _on_rollout_start(self) -> None:
         if self.num_timesteps - self._last >= self.every:
             self._test()
+        self._is_over = self.is_at_optimum or self.is_interrupted
 
     def _on_step(self) -> bool:
-        return not (self.is_at_optimum or self.is_interrupted)
+        return not self._is_over
 
     def _on_training_end(self) -> None:
         if self.num_timesteps > self._last and not self.is_at_optimum:
@@ -69,7 +88,7 @@ class Evaluation(BaseCallback):
         self.rows.append(
             {
                 "steps": self.num_timesteps,
-                "seconds": round(time.monotonic() - self._started, 3),
+                "seconds": round(self.seconds, 3),
                 "is_success": int(episode.is_success),
                 "distance": episode.distance,
                 "ratio": episode.ratio,
@@ -78,6 +97,9 @@ class Evaluation(BaseCallback):
                 "total_reward": episode.total_reward,
             }
         )
+        for name in ("is_success", "ratio", "spl"):
+            self.logger.record(f"eval/{name}", self.rows[-1][name])
+        self.logger.dump(self.num_timesteps)
         self.run.write_curve(self.rows)
         if self._is_better(episode):
             self.best = episode

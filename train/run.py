@@ -4,18 +4,20 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import torch
+from stable_baselines3.common.callbacks import CallbackList, ProgressBarCallback
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
-from agents.checkpoint import Run
-from agents.manifest import Config
+from agents.checkpoint import Run, RunError
 from agents.rollout import arguments_of, evaluation_env
 from agents.vec_env import IrsNavVecEnv
-from train.config import TrainConfig
+from train import resume
+from train.config import DEFAULTS, TrainConfig, record_of, settings_of
 from train.evaluation import Evaluation
 
 
@@ -27,42 +29,62 @@ def check(config: TrainConfig) -> None:
     OSError
         Where a scene or map file cannot be read.
     ValueError
-        Where the environment cannot be made, an infeasible target included, or the run folder is taken.
+        Where the environment cannot be made, an infeasible target included, or the run folder is taken; where a run
+        cannot be resumed.
     """
+    if config.resume is not None:
+        _check_resumed(config, Run.open(config.resume))
+        return
     evaluation_env(config.env).close()
     Run(_folder(config)).check_vacant(overwrite=config.overwrite)
 
 
 def train(config: TrainConfig) -> tuple[Run, Evaluation]:
     """Train as the settings say; returns the run folder and what was seen of the agent on the way."""
+    if config.resume is None:
+        run = Run.create(_folder(config), record_of(config), overwrite=config.overwrite)
+    else:
+        run = Run.open(config.resume)
+        config = replace(settings_of(run), progress=config.progress)
+    with run.locked():
+        return run, _train(run, config)
+
+
+def _train(run: Run, config: TrainConfig) -> Evaluation:
     torch.set_num_threads(config.threads)
-    env = IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env))
-    model = config.agent.build(env, config.seed)
-    run = Run.create(_folder(config), _record(config), overwrite=config.overwrite)
     hold = config.hold if config.stop_at_optimum else None
     evaluation = Evaluation(run, evaluation_env(config.env), config.eval_every, hold)
+    model = resume.restore(run, evaluation) if config.resume else None
+    is_new = model is None
+    if is_new:
+        model = config.agent.build(IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env)), config.seed)
+    outputs = [TensorBoardOutputFormat(str(run.folder / "tensorboard"))] if config.tensorboard else []
+    model.set_logger(Logger(folder=None, output_formats=outputs))
+
+    callbacks = [evaluation, resume.Checkpoints(evaluation, config.checkpoint_every)]
+    callbacks += [ProgressBarCallback()] if config.progress else []
     with _interruptible(evaluation):
-        model.learn(config.agent.total_timesteps, evaluation, progress_bar=config.progress)
+        steps = config.agent.total_timesteps - model.num_timesteps
+        model.learn(steps, CallbackList(callbacks), reset_num_timesteps=is_new)
     evaluation.save("last")
-    run.set_status(evaluation.status)
-    env.close()
-    return run, evaluation
+    run.update(status=evaluation.status, **({} if evaluation.is_interrupted else {"checkpoints": ()}))
+    model.get_env().close()
+    return evaluation
+
+
+def _check_resumed(config: TrainConfig, run: Run) -> None:
+    algorithm = config.agent.algorithm
+    if run.config.algorithm != algorithm:
+        raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, not of {algorithm}")
+    if config != replace(DEFAULTS[algorithm], resume=config.resume, progress=config.progress):
+        raise ValueError("--resume goes on with the run's own settings: give none beside it but --no-progress")
+    settings_of(run)
+    resume.check(run)
 
 
 def _folder(config: TrainConfig) -> Path:
     name = f"{config.agent.algorithm}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"
     return config.out or Path("runs") / name
-
-
-def _record(config: TrainConfig) -> Config:
-    own = ("seed", "agent", "env", "out", "overwrite", "progress")
-    return Config(
-        algorithm=config.agent.algorithm,
-        seed=config.seed,
-        env=arguments_of(config.env),
-        agent=asdict(config.agent),
-        training={name: value for name, value in vars(config).items() if name not in own},
-    )
 
 
 @contextmanager

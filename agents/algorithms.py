@@ -1,0 +1,32 @@
+"""`load`: a model from the content of its file, and the class behind each algorithm's name."""
+
+from importlib import import_module
+from io import BytesIO
+from typing import Any, Literal, get_args
+
+Algorithm = Literal["ppo", "maskable_ppo", "dqn", "qr_dqn", "q_learning"]
+ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
+
+_CLASSES: dict[Algorithm, tuple[str, str]] = {
+    "ppo": ("stable_baselines3", "PPO"),
+    "maskable_ppo": ("sb3_contrib", "MaskablePPO"),
+    "dqn": ("stable_baselines3", "DQN"),
+    "qr_dqn": ("sb3_contrib", "QRDQN"),
+    "q_learning": ("agents.q_learning", "QLearning"),
+}
+
+
+def model_class(algorithm: Algorithm) -> Any:
+    """The class of an algorithm's models, with SB3's ``learn``, ``predict``, ``save`` and ``load``; imported now."""
+    module, name = _CLASSES[algorithm]
+    return getattr(import_module(module), name)
+
+
+def load(algorithm: Algorithm, content: bytes) -> Any:
+    """The model in the content of a file, to act with.
+
+    A network's file is unpickled in part, which runs what stands in it: load only what is known by its SHA-256.
+    """
+    # The class of a replay buffer is left out: it is for learning, and SB3 warns of it beside n-step returns.
+    left_out = {"replay_buffer_class": None}
+    return model_class(algorithm).load(BytesIO(content), device="cpu", custom_objects=left_out)

@@ -1,0 +1,90 @@
+"""`AgentConfig` and `NetworkConfig`: the settings that algorithms have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from gymnasium import spaces
+
+from agents.algorithms import Algorithm, model_class
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
+
+
+@dataclass(frozen=True, kw_only=True)
+class AgentConfig:
+    """Settings of every algorithm; the defaults of each are the tuned ones.
+
+    Raises ``ValueError`` where a value is out of its range; the message names the field.
+    """
+
+    algorithm: ClassVar[Algorithm]
+
+    total_timesteps: int
+    """Steps of the whole schedule, counted over all environments."""
+    n_envs: int = 64
+    """Environments that are stepped together."""
+    learning_rate: float
+    """Learning rate at the start; it falls linearly."""
+    final_learning_rate: float
+    """Learning rate at the end of the schedule."""
+    gamma: float
+    """Discount factor."""
+
+    def __post_init__(self) -> None:
+        self._check_whole("total_timesteps", "n_envs")
+        self._check_positive("learning_rate", "final_learning_rate")
+        self._check_share("gamma")
+
+    def build(self, env: VecEnv, seed: int) -> Any:
+        """The model, untrained. ``env`` should hold `n_envs` environments."""
+        raise NotImplementedError
+
+    def _check_whole(self, *names: str) -> None:
+        self._check(names, lambda value: value >= 1, "a positive integer")
+
+    def _check_positive(self, *names: str) -> None:
+        self._check(names, lambda value: 0 < value < float("inf"), "a positive number")
+
+    def _check_share(self, *names: str) -> None:
+        self._check(names, lambda value: 0 <= value <= 1, "a number from 0 to 1")
+
+    def _check(self, names: Iterable[str], is_right: Callable[[Any], bool], wanted: str) -> None:
+        for name in names:
+            if not is_right(getattr(self, name)):
+                raise ValueError(f"{name}={getattr(self, name)} must be {wanted}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkConfig(AgentConfig):
+    """Settings of the algorithms of Stable-Baselines3 under its own names, so that each is handed on as it is."""
+
+    policy_settings: ClassVar[tuple[str, ...]] = ("net_arch",)  # handed on to the networks
+
+    net_arch: tuple[int, ...]
+    """Widths of the hidden layers of each network."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if any(width < 1 for width in self.net_arch):
+            raise ValueError(f"net_arch={self.net_arch} must hold positive widths")
+
+    def build(self, env: VecEnv, seed: int) -> Any:
+        """The model, untrained. ``env`` should hold `n_envs` environments."""
+        from stable_baselines3.common.utils import LinearSchedule
+
+        own = {name: value for name, value in asdict(self).items() if name not in ("total_timesteps", "n_envs")}
+        rates = own.pop("learning_rate"), own.pop("final_learning_rate")
+        policy = {name: own.pop(name) for name in self.policy_settings}
+        return model_class(self.algorithm)(
+            "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy",
+            env,
+            learning_rate=LinearSchedule(*rates, 1.0),
+            policy_kwargs={**policy, "net_arch": list(self.net_arch)},
+            seed=seed,
+            device="cpu",  # faster than a GPU for networks this small
+            **own,
+        )

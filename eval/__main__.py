@@ -11,6 +11,8 @@ COMMANDS = {
     "sionna": "trace the paper's room with Sionna RT and write docs/sionna.md",
     "score": "score a trained run against the oracle and draw both paths over the map",
     "speed": "time the environments beside others",
+    "play": "steer the robot from the keyboard",
+    "animate": "write an episode of a run or of a reference policy as a GIF",
 }
 
 

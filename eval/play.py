@@ -1,0 +1,118 @@
+"""`python -m eval play`: the robot steered from the keyboard, in a window."""
+
+import sys
+from collections.abc import Callable
+from typing import Any, Literal
+
+import gymnasium
+from gymnasium.error import DependencyNotInstalled
+from gymnasium.wrappers import HumanRendering
+
+KEYS = """arrow keys                        E, N, W, S
+Home, Page Up, End, Page Down     NW, NE, SW, SE (so does the number pad)
+Q W E / A D / Z X C               all eight, as they lie around S
+R                                 a new episode
+Escape                            the end"""
+NAMES = {  # of pygame's keys, by the number of the action: E, NE, N, NW, W, SW, S, SE
+    0: ("right", "keypad 6", "d"),
+    1: ("page up", "keypad 9", "e"),
+    2: ("up", "keypad 8", "w"),
+    3: ("home", "keypad 7", "q"),
+    4: ("left", "keypad 4", "a"),
+    5: ("end", "keypad 1", "z"),
+    6: ("down", "keypad 2", "x"),
+    7: ("page down", "keypad 3", "c"),
+}
+
+
+def main(
+    scene: str = "paper",
+    target_db: float = -61.8,
+    constraint: Literal["refuse", "terminate", "allow"] = "refuse",
+    random_start: bool = False,
+    seed: int | None = None,
+) -> int:
+    """Steer the robot to the goal from the keyboard; the oracle's path is drawn as dashes.
+
+    Arrow keys and, for diagonals, Home, Page Up, End and Page Down move; R begins anew, Escape ends.
+
+    Parameters
+    ----------
+    scene
+        A scene's name in the package, or the path of a scene file.
+    target_db
+        Lowest expected channel gain in dB that keeps the robot connected.
+    constraint
+        What happens at a cell below the target: the move is refused, ends the episode, or is allowed at a cost.
+    random_start
+        Whether each episode begins in another cell.
+    seed
+        Seed of the starts.
+    """
+    try:
+        pictures = gymnasium.make(
+            "irs_gym:IrsNav-v0",
+            render_mode="rgb_array",
+            scene=scene,
+            target_db=target_db,
+            constraint=constraint,
+            goal_bonus=1e3,  # a player ends no episode for the reward, so any target may go with any constraint
+            random_start=random_start,
+        )
+        env = HumanRendering(pictures)
+        print(KEYS)
+        play(env, seed)
+    except DependencyNotInstalled:
+        print("python -m eval play: the window needs pygame: pip install pygame-ce", file=sys.stderr)
+        return 2
+    except (OSError, ValueError) as error:
+        print(f"python -m eval play: {error}", file=sys.stderr)
+        return 2
+    env.close()
+    return 0
+
+
+def play(env: gymnasium.Env[Any, Any], seed: int | None = None, tell: Callable[[str], Any] = print) -> None:
+    """Play episodes until the window is closed; ``tell`` is told of each that ends.
+
+    Raises
+    ------
+    DependencyNotInstalled
+        Where pygame is missing.
+    """
+    _, start = env.reset(seed=seed)  # opens the window
+
+    import pygame
+
+    actions = {pygame.key.key_code(name): action for action, names in NAMES.items() for name in names}
+    pygame.key.set_repeat(300, 100)
+    is_over, info = False, start
+    while True:
+        _show(start, info)
+        event = pygame.event.wait()
+        if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE):
+            return
+        if event.type != pygame.KEYDOWN:
+            continue
+        if event.key == pygame.K_r:
+            _, start = env.reset()
+            is_over, info = False, start
+        elif event.key in actions and not is_over:
+            _, _, terminated, truncated, info = env.step(actions[event.key])
+            is_over = terminated or truncated
+            if is_over:
+                tell(summary(start, info))
+
+
+def summary(start: dict[str, Any], info: dict[str, Any]) -> str:
+    """How an episode ended."""
+    ended = f"goal reached, SPL {info['spl']:.3f}" if info["is_success"] else "no success"
+    return f"{ended}: {info['distance']:.3f} m, the oracle needs {start['oracle_distance']:.3f} m"
+
+
+def _show(start: dict[str, Any], info: dict[str, Any]) -> None:
+    """Write into the window's title how the episode goes."""
+    import pygame
+
+    refused = ", refused" if info["is_refused"] else ""
+    pygame.display.set_caption(f"{info['distance']:.2f} m of {start['oracle_distance']:.2f} m{refused}")

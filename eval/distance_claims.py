@@ -172,15 +172,16 @@ def extra_elements(study: Study, coarse: Scheme, finer: Sequence[Scheme], quanti
 def element_claims(study: Study) -> list[Claim]:
     """What the paper's Fig. 6 shows."""
     counts, finer = element_counts(study), (TWO_BIT, THREE_BIT, CONTINUOUS)
-    lengths = [[study.distance(s, ELEMENTS_AT_DB, elements=m) for m in counts] for s in SCHEMES if s.has_irs]
+    schemes = [scheme for scheme in SCHEMES if scheme.has_irs]
+    lengths = np.array([[study.distance(scheme, ELEMENTS_AT_DB, elements=m) for m in counts] for scheme in schemes])
     two, three = (extra_elements(study, scheme, [CONTINUOUS], "nearest") for scheme in (TWO_BIT, THREE_BIT))
     return [
         Claim(
             f"Fig. 6, {ELEMENTS_AT_DB:g} dB: the distance generally decreases with M",
             "",
-            (f"from {max(map(max, lengths)):.3f} to {min(map(min, lengths)):.3f} m, never up",),
+            (f"from {lengths.max():.3f} to {lengths.min():.3f} m, never up",),
             "",
-            bool(all(np.all(np.diff(each) <= 1e-9) and each[0] > each[-1] for each in lengths)),
+            bool(np.all(lengths[:, 1:] <= lengths[:, :-1] + 1e-9) and np.all(lengths[:, 0] > lengths[:, -1])),
             True,
         ),
         number(

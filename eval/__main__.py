@@ -10,7 +10,10 @@ COMMANDS = {
     "paper": "compute every claim and figure of the paper and write docs/paper.md",
     "sionna": "trace the paper's room with Sionna RT and write docs/sionna.md",
     "score": "score a trained run against the oracle and draw both paths over the map",
+    "board": "put all runs below a folder on one scoreboard, with intervals over seeds",
     "speed": "time the environments beside others",
+    "pretrain": "keep the best policy of each algorithm on each problem in models/",
+    "watch": "show a pretrained model, a run or a reference policy on its way",
     "play": "steer the robot from the keyboard",
     "animate": "write an episode of a run or of a reference policy as a GIF",
 }

@@ -18,7 +18,7 @@ from agents.manifest import Config
 from agents.ppo import PpoConfig
 from agents.rollout import arguments_of, evaluation_env, roll_out
 from agents.vec_env import IrsNavVecEnv
-from eval import results
+from eval import board, results
 from eval.__main__ import main
 from eval.board_page import markdown
 from eval.learning_curves import align
@@ -92,8 +92,11 @@ def call(monkeypatch, *words: object) -> int:
         return ended.code
 
 
-def board_of(monkeypatch, folder: Path, *words: object) -> dict:
-    assert call(monkeypatch, "board", folder, "--episodes", 3, *words) == 0
+def board_of(monkeypatch, folder: Path) -> dict:
+    """The scoreboard of a folder, without the time that its pictures take."""
+    monkeypatch.setattr(board, "draw_curves", lambda curves: b"")
+    monkeypatch.setattr(board, "draw_paths", lambda *paths, **settings: b"")
+    assert call(monkeypatch, "board", folder, "--episodes", 3) == 0
     return json.loads((folder / "board.json").read_text())
 
 
@@ -120,10 +123,10 @@ def test_failures_count_in_every_figure(monkeypatch, tmp_path, make_run):
 def test_median_time_is_that_of_the_seed_in_the_middle(monkeypatch, tmp_path, make_run):
     for seed, kind in enumerate(["optimal", "optimal", "failing"]):
         make_run(kind, seed)
-    board = board_of(monkeypatch, tmp_path / "runs")
-    estimates = board["problems"][0]["standings"][1]["estimates"]
+    found = board_of(monkeypatch, tmp_path / "runs")
+    estimates = found["problems"][0]["standings"][1]["estimates"]
     assert estimates["seconds_to_optimum"] == {"value": 20.0, "interval": [20.0, None], "note": ""}
-    assert [each["seconds_to_optimum"] for each in board["runs"]] == [20.0, 20.0, None]
+    assert [each["seconds_to_optimum"] for each in found["runs"]] == [20.0, 20.0, None]
     page = (tmp_path / "runs/scoreboard.md").read_text()
     assert "20<br><sub>20 to ∞</sub>" in page
     assert "2 of 3, 20 s" in page
@@ -149,16 +152,16 @@ def test_every_run_is_on_the_board_or_named_with_the_reason(monkeypatch, capsys,
     lying.update(models={"best": entry})
     reasons[lying.folder] = "now has the ratio"
 
-    board = board_of(monkeypatch, tmp_path / "runs")
-    assert [each["seed"] for each in board["runs"]] == [0]
+    found = board_of(monkeypatch, tmp_path / "runs")
+    assert [each["seed"] for each in found["runs"]] == [0]
     said, page = capsys.readouterr().err, (tmp_path / "runs/scoreboard.md").read_text()
     report = (tmp_path / "runs/report.html").read_text()
-    told = {each["folder"]: each["reason"] for each in board["left_out"]}
+    told = {each["folder"]: each["reason"] for each in found["left_out"]}
     assert set(told) == set(map(str, reasons))
     for folder, reason in reasons.items():
         assert reason in told[str(folder)]
         assert all(str(folder) in text for text in (said, page, report))
-    ppo = board["problems"][0]["standings"][1]
+    ppo = found["problems"][0]["standings"][1]
     assert (ppo["seeds"], ppo["left_out"]) == ([0], 7)  # of the others, two cannot be read far enough to tell
     assert "1 (7 left out)" in page
 
@@ -166,8 +169,8 @@ def test_every_run_is_on_the_board_or_named_with_the_reason(monkeypatch, capsys,
 def test_algorithm_without_a_complete_run_keeps_its_row(monkeypatch, tmp_path, make_run):
     make_run("optimal", 0)
     make_run("optimal", 0, gamma=0.5, status="running")
-    board = board_of(monkeypatch, tmp_path / "runs")
-    rows = {each["name"]: each for each in board["problems"][0]["standings"]}
+    found = board_of(monkeypatch, tmp_path / "runs")
+    rows = {each["name"]: each for each in found["problems"][0]["standings"]}
     assert rows["PPO, gamma 0.5"]["estimates"] == {}
     assert "| PPO, gamma 0.5 | 0 (1 left out) |" in (tmp_path / "runs/scoreboard.md").read_text()
 
@@ -236,8 +239,8 @@ def test_page_and_figures_go_where_they_are_wanted(monkeypatch, tmp_path, make_r
         with Image.open(tmp_path / "docs" / link) as picture:
             assert picture.width > 700
         assert (tmp_path / "docs" / link).stat().st_size < 60_000
-    board = json.loads((tmp_path / "docs/board.json").read_text())
-    assert page == markdown(board, "figures/scoreboard")  # nothing on the page comes from elsewhere
+    found = json.loads((tmp_path / "docs/board.json").read_text())
+    assert page == markdown(found, "figures/scoreboard")  # nothing on the page comes from elsewhere
     assert sorted(each.name for each in (tmp_path / "runs").iterdir()) == ["optimal-0", "report.html"]
 
 

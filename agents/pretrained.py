@@ -1,0 +1,204 @@
+"""`load_pretrained`: policies that come with the package, from ``models/``, and what is known of each.
+
+A file holds the weights that act, as plain arrays: nothing in it is unpickled, and it is read only where its SHA-256
+stands in ``models/manifest.json``.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from hashlib import sha256
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from agents import provenance
+from agents.algorithms import model_class
+from agents.checkpoint import write_file
+from agents.manifest import Config, Record
+from agents.problem import Problem, problem_of
+from agents.rollout import Episode, arguments_of, roll_out
+from irs_gym.task import Task, task_of
+
+MODELS = provenance.ROOT / "models"
+POLICY_SETTINGS = ("net_arch", "n_quantiles")  # of an agent's settings, those that shape its networks
+IDLE = ("value_net", "target")  # parts of the names of weights that serve training alone
+
+
+class PretrainedError(ValueError):
+    """A pretrained model that is missing, damaged, or does not fit."""
+
+
+class Score(Record):
+    """What a policy achieves from the fixed start; lengths in metres."""
+
+    is_success: bool
+    distance: float
+    oracle_distance: float
+    ratio: float | None
+    spl: float
+    soft_spl: float
+    refused: int
+    steps: int
+
+    @classmethod
+    def of(cls, episode: Episode) -> "Score":
+        """The score of an episode."""
+        return cls(**{name: getattr(episode, name) for name in cls.model_fields})
+
+
+class Entry(Record):
+    """A model: its file, where it comes from, and its score."""
+
+    file: str = Field(pattern=r"^[\w.-]+\.npz$")
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    config: Config
+    steps: int
+    chosen_among: int  # runs of other seeds; the model is that of the best
+    score: Score
+    versions: dict[str, str]
+    commit: str | None
+
+    @cached_property
+    def task(self) -> Task:
+        """The environment that it was trained in, with the fixed start."""
+        return replace(task_of(self.config.env), random_start=False)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """What it solves."""
+        return problem_of(self.task)
+
+
+class Models(Record):
+    """What ``models/manifest.json`` holds."""
+
+    format_version: Literal[1] = 1
+    models: tuple[Entry, ...] = ()
+
+    @classmethod
+    def read(cls, folder: Path) -> "Models":
+        """The manifest of a folder; an empty one where there is none."""
+        path = folder / "manifest.json"
+        if not path.exists():
+            return cls()
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"])) or "the file"
+            raise PretrainedError(f"{str(path)!r} is damaged: {where}: {first['msg']}") from None
+
+    def find(self, algorithm: str, task: Task) -> Entry:
+        """The model of an algorithm for a task's problem; the `PretrainedError` for none lists all."""
+        wanted = problem_of(task)
+        for entry in self.models:
+            if entry.config.algorithm == algorithm and entry.problem == wanted:
+                return entry
+        known = "".join(f"\n  {each.config.algorithm}: {each.problem.label}" for each in self.models)
+        raise PretrainedError(f"no pretrained {algorithm!r} for {wanted.label}; there are{known or ' none'}")
+
+
+@dataclass(frozen=True)
+class Pretrained:
+    """A pretrained policy, for the environment of `make_env`."""
+
+    entry: Entry
+    policy: Any
+    """The policy of Stable-Baselines3, without its critic or target network."""
+
+    @property
+    def predict(self) -> Callable[..., tuple[NDArray[np.int64], Any]]:
+        """The `predict` of `agents.policy.Policy`; that of MaskablePPO takes ``action_masks`` too."""
+        predict: Callable[..., tuple[NDArray[np.int64], Any]] = self.policy.predict
+        return predict
+
+    def make_env(self, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
+        """The environment that it was trained in, from the fixed start."""
+        arguments = arguments_of(self.entry.task)
+        return gymnasium.make("irs_gym:IrsNav-v0", render_mode=render_mode, **arguments)
+
+    def play(self) -> Episode:
+        """Its episode from the fixed start."""
+        return roll_out(self, self.make_env())
+
+
+def load_pretrained(algorithm: str, *, folder: str | Path = MODELS, **env: Any) -> Pretrained:
+    """A pretrained policy for the environment with these arguments.
+
+    ``load_pretrained("ppo", target_db=-61.8)`` is a policy that fits ``load_pretrained(...).make_env()``.
+
+    Parameters
+    ----------
+    algorithm
+        ``"ppo"`` or ``"dqn"``.
+    folder
+        Folder of the models.
+    **env
+        Arguments of `irs_gym.task.Task`. Those that make the problem choose the model; of the others, such as
+        ``observation``, each that is given must be what the model was trained with.
+
+    Raises
+    ------
+    OSError
+        Where the model's file cannot be read.
+    ValueError
+        `PretrainedError` where there is no such model, or its file is not the one of the manifest.
+    """
+    entry = Models.read(Path(folder)).find(algorithm, task_of(env))
+    fixed = {each.name for each in fields(Problem)} | {"random_start"}
+    for name in sorted(set(env) - fixed):
+        trained = getattr(entry.task, name)
+        if env[name] != trained:
+            raise PretrainedError(f"{entry.file} was trained with {name}={trained!r}, not {env[name]!r}")
+    path = Path(folder) / entry.file
+    content = path.read_bytes()
+    digest = sha256(content).hexdigest()
+    if digest != entry.sha256:
+        raise PretrainedError(f"{str(path)!r} is not loaded: its SHA-256 is {digest}, in the manifest {entry.sha256}")
+    with np.load(BytesIO(content), allow_pickle=False) as arrays:
+        return Pretrained(entry, _build(entry, dict(arrays)))
+
+
+def pack(policy: Any) -> bytes:
+    """The weights of a policy of Stable-Baselines3 that act, as a compressed npz; equal weights give equal bytes."""
+    content = BytesIO()
+    np.savez_compressed(content, **{name: each.numpy() for name, each in policy.state_dict().items() if _acts(name)})
+    return content.getvalue()
+
+
+def write_models(folder: Path, entries: Sequence[Entry], contents: Mapping[str, bytes]) -> None:
+    """Write files by their names, then a manifest that lists all entries."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in contents.items():
+        write_file(folder / name, content)
+    manifest = Models(models=tuple(entries))
+    write_file(folder / "manifest.json", (manifest.model_dump_json(indent=1) + "\n").encode())
+
+
+def _build(entry: Entry, weights: Mapping[str, NDArray[np.float32]]) -> Any:
+    """The policy with these weights, which must be all that act."""
+    import torch
+
+    env = gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(entry.task))
+    kind = "MultiInputPolicy" if isinstance(env.observation_space, gymnasium.spaces.Dict) else "MlpPolicy"
+    shape = {name: entry.config.agent[name] for name in POLICY_SETTINGS if name in entry.config.agent}
+    make = model_class(entry.config.algorithm).policy_aliases[kind]
+    policy = make(env.observation_space, env.action_space, lambda _: 0.0, **shape)
+    try:
+        missing, unknown = policy.load_state_dict({n: torch.as_tensor(w) for n, w in weights.items()}, strict=False)
+    except RuntimeError as error:  # of other shapes
+        raise PretrainedError(f"{entry.file} does not fit its configuration: {error}") from None
+    if unknown or any(_acts(name) for name in missing):
+        raise PretrainedError(f"{entry.file} does not fit its configuration: it lacks {missing}, and has {unknown}")
+    policy.set_training_mode(False)
+    return policy
+
+
+def _acts(name: str) -> bool:
+    return not any(part in name for part in IDLE)

@@ -1,0 +1,118 @@
+"""`python -m eval pretrain`: fills models/ with the best run of each algorithm on each problem."""
+
+import sys
+from collections.abc import Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Annotated
+
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from tyro.conf import Positional, arg
+
+from agents.pretrained import MODELS, Entry, Models, Score, load_pretrained, pack, write_models
+from agents.problem import Problem
+from agents.rollout import arguments_of
+from eval.results import Result, find_runs, read_results
+from irs_gym.scene import scene_names
+
+
+def main(
+    folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
+    out: Path = MODELS,
+    algorithms: tuple[str, ...] = ("ppo", "dqn"),
+) -> int:
+    """Keep the best policy of each algorithm on each problem among all runs below a folder.
+
+    Best is the shortest path, then the fewest steps to the optimum. Models of other problems stay as they are.
+
+    Parameters
+    ----------
+    folder
+        Folder with run folders, at any depth.
+    out
+        Folder of the models and their manifest.
+    algorithms
+        Algorithms with networks whose models are kept.
+    """
+    try:
+        results, left_out = read_results(track(find_runs(folder), "reading runs", transient=True))
+        chosen = choose([each for each in results if each.config.algorithm in algorithms])
+        if not chosen:
+            raise ValueError(f"no complete run of {' or '.join(algorithms)} below {str(folder)!r} reached the goal")
+        entries = keep(chosen, out)
+    except (OSError, ValueError) as error:
+        print(f"python -m eval pretrain: {error}", file=sys.stderr)
+        return 2
+    for each in left_out:
+        print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
+    Console().print(_table(entries, out))
+    return 0
+
+
+def choose(results: Sequence[Result]) -> list[tuple[Result, int]]:
+    """The best successful result of each algorithm on each problem, and how many runs it was chosen among.
+
+    Raises
+    ------
+    ValueError
+        Where one was trained on a scene or map of the user's own, which ``models/`` does not hold.
+    """
+    pairs: dict[tuple[Problem, str], list[Result]] = {}
+    for each in results:
+        pairs.setdefault((each.problem, each.config.algorithm), []).append(each)
+    best = [(min(found, key=lambda each: each.rank), len(found)) for found in pairs.values()]
+    best = [(each, count) for each, count in best if each.episode.is_success]
+    own = [str(each.run.folder) for each, _ in best if each.problem.scene not in scene_names()]
+    if own:
+        raise ValueError(f"{own[0]!r} was trained on a scene or map of its own, which models/ does not hold")
+    return sorted(best, key=lambda pair: (pair[0].config.algorithm, pair[0].problem.order))
+
+
+def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
+    """Write the models and their manifest, and play each from its file; returns the entries written.
+
+    Raises
+    ------
+    OSError
+        Where a file cannot be written.
+    ValueError
+        Where a model that was written does not do what the run's did.
+    """
+    entries, contents = [], {}
+    for result, count in chosen:
+        content = pack(result.run.load_model().policy)
+        manifest = result.run.manifest
+        entry = Entry(
+            file=f"{result.config.algorithm}-{result.problem.slug}.npz",
+            sha256=sha256(content).hexdigest(),
+            config=result.config,
+            steps=manifest.models["best"].steps,
+            chosen_among=count,
+            score=Score.of(result.episode),
+            versions=manifest.versions,
+            commit=manifest.commit,
+        )
+        entries.append(entry)
+        contents[entry.file] = content
+    replaced = set(contents)
+    others = [each for each in Models.read(out).models if each.file not in replaced]
+    both = sorted([*others, *entries], key=lambda each: (each.config.algorithm, each.problem.order))
+    write_models(out, both, contents)
+    for entry in entries:
+        found = load_pretrained(entry.config.algorithm, folder=out, **arguments_of(entry.task)).play()
+        if Score.of(found) != entry.score:
+            raise ValueError(f"{entry.file} does not do what its run did: {Score.of(found)} is not {entry.score}")
+    return entries
+
+
+def _table(entries: Sequence[Entry], out: Path) -> Table:
+    rows = Table(caption=f"written to {out}")
+    for column in ("file", "KiB", "seed", "of", "steps", "metres", "ratio"):
+        rows.add_column(column, justify="left" if column == "file" else "right")
+    for each in entries:
+        size = f"{(out / each.file).stat().st_size / 1024:.0f}"
+        run = (str(each.config.seed), str(each.chosen_among), f"{each.steps:,}")
+        rows.add_row(each.file, size, *run, f"{each.score.distance:.3f}", f"{each.score.ratio:.3f}")
+    return rows

@@ -10,7 +10,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from statistics import median
 from time import perf_counter
 from typing import Any
 
@@ -35,7 +34,7 @@ class Cost:
     cells
         Cells of the map.
     seconds
-        Median time of a run after the first; of the only one where it takes long.
+        Time of the fastest run: what slows the others down is the machine's other work.
     peak_mib
         Peak memory of the whole process that did it, interpreter and imports included.
     distance
@@ -151,7 +150,7 @@ def measure(task: str, side: int) -> Cost:
         seconds.append(perf_counter() - began)
         if sum(seconds) > 20:
             break
-    return Cost(task, side * side, median(seconds[1:] or seconds), peak_memory() / MIB, found)
+    return Cost(task, side * side, min(seconds), peak_memory() / MIB, found)
 
 
 def peak_memory() -> int:

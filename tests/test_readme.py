@@ -1,0 +1,154 @@
+"""Every block of code in README.md runs, in a copy of the checkout.
+
+Comments in front of a block tell the test, and whoever reads the source, how it differs from the text:
+`<!-- test: OLD -> NEW -->` replaces one place, `<!-- test: needs PACKAGE -->` skips where the package is missing.
+In bash blocks, `make` only says what it would do, and `pip install` only whether it could.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import yaml
+
+from agents.dqn import DqnConfig
+from agents.ppo import PpoConfig
+from train.config import DEFAULTS
+
+ROOT = Path(__file__).resolve().parents[1]
+README = ROOT / "README.md"
+NOT_RUN = {"text", "bibtex"}
+SECONDS = 600
+SHIMS = {
+    "make": 'exec "$REAL_MAKE" --dry-run "$@"',
+    "pip": """
+        said=$(python -m pip "$@" --dry-run --no-build-isolation 2>&1) || { echo "$said"; exit 1; }
+        ! grep "does not provide the extra" <<< "$said"
+    """,
+}
+
+
+@dataclass(frozen=True)
+class Block:
+    """Fenced code, as it stands and as it is run."""
+
+    line: int
+    language: str
+    code: str
+    notes: tuple[str, ...]
+
+    @property
+    def needs(self) -> list[str]:
+        """Packages without which it is skipped."""
+        return [note.removeprefix("needs ") for note in self.notes if note.startswith("needs ")]
+
+    @property
+    def shortened(self) -> str:
+        """The code with its replacements made."""
+        code = self.code
+        for note in self.notes:
+            if not note.startswith("needs "):
+                old, new = note.split(" -> ")
+                assert code.count(old) == 1, f"line {self.line}: {old!r} is not there exactly once"
+                code = code.replace(old, new)
+        return code
+
+
+def blocks(text: str) -> list[Block]:
+    """All fenced blocks, with the comments right in front of them."""
+    fence = re.compile(r"((?:^<!-- test: .+ -->\n)*)^```(.*)\n((?:.*\n)*?)^```$", re.MULTILINE)
+    return [
+        Block(
+            line=text.count("\n", 0, found.start(2)) + 1,
+            language=found[2],
+            code=found[3],
+            notes=tuple(re.findall(r"<!-- test: (.+) -->", found[1])),
+        )
+        for found in fence.finditer(text)
+    ]
+
+
+def run(block: Block, checkout: Path) -> subprocess.CompletedProcess:
+    """Run the block as a user would who stands in the checkout."""
+    commands = {
+        "python": [sys.executable, "-c", block.shortened],
+        "bash": ["bash", "-euo", "pipefail", "-c", block.shortened],
+    }
+    settings = {
+        "PATH": os.pathsep.join([str(checkout / ".shims"), str(Path(sys.executable).parent), os.environ["PATH"]]),
+        "PYTHONPATH": str(checkout),  # of processes that workers start
+        "REAL_MAKE": shutil.which("make") or "make",
+        "OMP_NUM_THREADS": "1",
+        "SDL_VIDEODRIVER": "dummy",
+        "RAY_AUTH_MODE": "disabled",
+    }
+    return subprocess.run(
+        commands[block.language],
+        cwd=checkout,
+        env=os.environ | settings,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=SECONDS,
+    )
+
+
+@pytest.fixture(scope="session")
+def checkout(tmp_path_factory) -> Path:
+    """A copy of the checkout, with `make` and `pip` that change nothing."""
+    copy = tmp_path_factory.mktemp("readme") / "irs_gym"
+    left_out = shutil.ignore_patterns(".*", "__pycache__", "runs", "build", "dist")
+    shutil.copytree(ROOT, copy, ignore=left_out)
+    (copy / ".shims").mkdir()
+    for name, script in SHIMS.items():
+        (copy / ".shims" / name).write_text(f"#!/usr/bin/env bash\n{script}\n")
+        (copy / ".shims" / name).chmod(0o755)
+    return copy
+
+
+RUNNABLE = [block for block in blocks(README.read_text()) if block.language not in NOT_RUN]
+
+
+@pytest.mark.parametrize("block", RUNNABLE, ids=lambda block: f"line-{block.line}-{block.language}")
+def test_block_runs(block, checkout):
+    for package in block.needs:
+        found = subprocess.run([sys.executable, "-c", f"import {package}"], capture_output=True, check=False)
+        if found.returncode:
+            pytest.skip(f"needs {package}: pip install -e '.[train,test,rllib]'")
+    done = run(block, checkout)
+    assert done.returncode == 0, f"line {block.line}:\n{done.stdout}\n{done.stderr}"
+
+
+def test_no_block_escapes():
+    text = README.read_text()
+    fences, found = re.findall(r"^\s*```", text, re.MULTILINE), blocks(text)
+    assert len(fences) == 2 * len(found) > 0
+    assert {block.language for block in found} <= {"bash", "python", *NOT_RUN}
+    assert len(re.findall(r"<!-- test: ", text)) == sum(len(block.notes) for block in found)
+
+
+def test_a_broken_block_fails(checkout):
+    assert run(Block(1, "python", "import irs_gym\nirs_gym.fly()\n", ()), checkout).returncode == 1
+    assert run(Block(1, "bash", "false\ntrue\n", ()), checkout).returncode == 1
+    assert run(Block(1, "bash", "make fly\n", ()), checkout).returncode == 2
+    assert run(Block(1, "bash", 'pip install ".[fly]"\n', ()), checkout).returncode == 1
+    assert run(Block(1, "bash", 'pip install ".[train]"\n', ()), checkout).returncode == 0
+    with pytest.raises(AssertionError, match="line 7: '3' is not there exactly once"):
+        _ = Block(7, "python", "1 + 2\n", ("3 -> 4",)).shortened
+
+
+@pytest.mark.parametrize("config", [PpoConfig(), DqnConfig()], ids=lambda config: config.algorithm)
+def test_settings_for_rl_zoo3_are_those_of_train(config):
+    zoo = yaml.safe_load((ROOT / "train" / "zoo" / f"{config.algorithm}.yml").read_text())["IrsNavFlat-v0"]
+    assert zoo.pop("env_kwargs") == {"random_start": DEFAULTS[config.algorithm].env.random_start}
+    assert zoo.pop("policy_kwargs") == f"dict(net_arch={list(config.net_arch)})"
+    assert float(zoo.pop("learning_rate").removeprefix("lin_")) == config.learning_rate
+    assert zoo.pop("n_timesteps") == config.total_timesteps
+    assert zoo.pop("policy") == "MlpPolicy"
+    others = {"total_timesteps", "net_arch", "learning_rate", "final_learning_rate"}
+    assert zoo == {name: value for name, value in vars(config).items() if name not in others}

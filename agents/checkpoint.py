@@ -167,6 +167,8 @@ class Run:
         """Go back to where a checkpoint was written, with the models that there were then."""
         for entry, content in models.values():
             write_file(self.folder / entry.file, content)
+        for path in self.folder.glob(".*.[0-9]*"):  # half written when the process was killed
+            path.unlink()
         older = [each for each in self.manifest.checkpoints if each.steps <= checkpoint.steps]
         entries = {name: entry for name, (entry, _) in models.items()}
         self.update(status="running", error=None, models=entries, checkpoints=tuple(older))

@@ -2,6 +2,7 @@
 
 import sys
 
+from agents.checkpoint import RunError
 from train.config import DEFAULTS, parse
 
 
@@ -22,6 +23,9 @@ def main() -> int:
         return 2
     try:
         run, evaluation = train(config)
+    except RunError as error:
+        print(f"python -m train {algorithm}: {error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:  # before the first step, or for the second time
         print(f"python -m train {algorithm}: ended at once", file=sys.stderr)
         return 130

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 from agents.checkpoint import write_file
@@ -46,20 +47,24 @@ def main(scene: str = "paper", out: Path = Path("docs"), cost: bool = True, draw
     """
     try:
         study = Study(load_scene(scene))
-        check(study, draws)
+        check(study, cost, draws)
         return write(study, out, cost, draws, seed)
     except (OSError, ValueError) as error:
         print(f"python -m eval paper: {error}", file=sys.stderr)
         return 2
 
 
-def check(study: Study, draws: int) -> None:
-    """Refuse what the paper's claims cannot be told of."""
+def check(study: Study, cost: bool, draws: int) -> None:
+    """Refuse what the paper's claims cannot be told of, before any work."""
     parts = (len(study.scene.access_points), len(study.scene.irs_panels))
     if parts != (1, 1):
         raise ValueError(f"scene {study.scene.name!r} has {parts[0]} access points and {parts[1]} panels, not 1 and 1")
     if draws < 2 * monte_carlo.BATCH:
         raise ValueError(f"draws={draws} must be {2 * monte_carlo.BATCH} or more")
+    packages = ("shapely", "networkx", "skimage") if cost else ("shapely",)
+    missing = [name for name in packages if find_spec(name) is None]
+    if missing:
+        raise ValueError(f'{", ".join(missing)} not installed: pip install -e ".[train,test]"')
     _ = study.start, study.goal  # cells of the grid
 
 

@@ -130,6 +130,13 @@ def test_what_it_cannot_judge_is_refused_before_anything_is_written(tmp_path, ca
     assert not (tmp_path / "docs").exists()
 
 
+def test_packages_that_are_missing_are_named_before_any_work(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(paper, "find_spec", lambda name: None if name == "networkx" else object())
+    assert paper.main(out=tmp_path / "docs") == 2
+    assert 'networkx not installed: pip install -e ".[train,test]"' in capsys.readouterr().err
+    assert not (tmp_path / "docs").exists()
+
+
 def test_only_a_broken_promise_fails():
     kept = number("kept", 1.0, 1.04, " dB", 2, 0.05)
     open_question = number("open", 1.0, 2.0, " dB", 2, 0.05, is_promised=False)

@@ -21,7 +21,7 @@ from eval.learning_curves import draw_curves
 from eval.overlay import draw_paths
 from eval.report import html
 from eval.results import Group, LeftOut, Result, find_runs, read_results
-from eval.standings import Standing, finite, group_names, learned, overall, references
+from eval.standings import TITLES, Standing, finite, group_names, learned, overall, references
 
 FIGURES = "figures/scoreboard"
 
@@ -32,6 +32,7 @@ def main(
     model: Literal["best", "last"] = "best",
     episodes: int = 100,
     seed: int = 0,
+    trained_by: str | None = None,
 ) -> int:
     """Put all runs below a folder on one scoreboard, beside the reference policies.
 
@@ -49,6 +50,8 @@ def main(
         Episodes of each random policy.
     seed
         Seed of the random policies.
+    trained_by
+        The command that trained the runs, to stand on the page.
     """
     out = out or folder
     try:
@@ -59,7 +62,8 @@ def main(
             reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
             raise ValueError(f"no complete run lies below {str(folder)!r}{reasons}")
         board, pictures = build(results, left_out, episodes, seed)
-        board["command"] = shlex.join(["python", "-m", "eval", "board", *sys.argv[2:]])
+        own = shlex.join(["python", "-m", "eval", "board", *sys.argv[2:]])
+        board["commands"] = [trained_by, own] if trained_by else [own]
         write(board, pictures, folder, out)
     except (OSError, ValueError) as error:
         print(f"python -m eval board: {error}", file=sys.stderr)
@@ -75,13 +79,14 @@ def build(
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
     """The scoreboard as JSON holds it, and its pictures by their names."""
     known = {each.group for each in [*results, *left_out] if each.group is not None}
-    groups = sorted(known, key=lambda each: (each.problem.order, each.algorithm, each.settings))
-    names = group_names(groups)
+    names = group_names(sorted(known, key=lambda each: (each.problem.order, each.settings)))
+    order = {name: n for n, name in enumerate(TITLES)}
+    groups = sorted(names, key=lambda each: (order[each.algorithm], names[each], each.problem.order))
     by_group = {
         group: sorted((each for each in results if each.group == group), key=lambda each: each.seed) for group in groups
     }
     problems, pictures = [], {}
-    for problem in dict.fromkeys(group.problem for group in groups if by_group[group]):
+    for problem in sorted({group.problem for group in groups if by_group[group]}, key=lambda each: each.order):
         here = {group: found for group, found in by_group.items() if group.problem == problem}
         first, standings = references(next(found[0] for found in here.values() if found), episodes, seed)
         standings[1:1] = [learned(names[group], found, _missing(left_out, group)) for group, found in here.items()]

@@ -7,9 +7,9 @@ from eval.markdown import page, table
 
 INTRODUCTION = """# Scoreboard
 
-How {runs} training runs did against the exact optimum, beside the reference policies. Written by
+How {runs} training runs did against the exact optimum, beside the reference policies. Made by
 
-    {command}
+{commands}
 
 Every agent is scored by the greedy policy that its run kept as the best, played anew from the fixed start. Only the
 scoring knows the oracle: no agent sees it in training.
@@ -45,7 +45,8 @@ HEADS = (
 
 def markdown(board: Mapping[str, Any], figures: str) -> str:
     """The page of a scoreboard (see `eval.board.build`); ``figures`` is the folder that it links to."""
-    introduction = INTRODUCTION.format(**{**board, "runs": len(board["runs"])})
+    commands = "\n".join(f"    {each}" for each in board["commands"])
+    introduction = INTRODUCTION.format(**{**board, "runs": len(board["runs"]), "commands": commands})
     problems = [_problem(each, figures) for each in board["problems"]]
     return page(
         introduction, "## At a glance", _glance(board), OVERALL, _overall(board), *problems, _left_out(board),
@@ -69,10 +70,9 @@ def runs_table(board: Mapping[str, Any]) -> str:
 
 def _glance(board: Mapping[str, Any]) -> str:
     """Seeds at the optimum, and the median time, for each problem and algorithm."""
-    names = list(dict.fromkeys(row["name"] for each in board["problems"] for row in _learned(each)))
-    rows = []
+    names, rows = list(board["settings"]), []
     for problem in board["problems"]:
-        found = {row["name"]: row for row in _learned(problem)}
+        found = {row["name"]: row for row in problem["standings"] if row["kind"] == "learned"}
         rows.append((problem["label"], *(_glimpse(found.get(name)) for name in names)))
     return "Seeds at the optimum, and median time to it.\n\n" + table(("problem", *names), rows)
 
@@ -81,7 +81,7 @@ def _glimpse(row: Mapping[str, Any] | None) -> str:
     if row is None or not row["estimates"]:
         return "–"
     seconds = row["estimates"]["seconds_to_optimum"]["value"]
-    return f"{_of(row, 'at_optimum')}, {'never' if seconds is None else f'{seconds:.0f} s'}{_missing(row)}"
+    return f"{_of(row, 'at_optimum')}, {'never' if seconds is None else f'{_number(seconds, 0)} s'}{_missing(row)}"
 
 
 def _overall(board: Mapping[str, Any]) -> str:
@@ -142,7 +142,10 @@ def _below(found: Mapping[str, Any], digits: int | None) -> str:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return "∞" if value is None else f"{value:.{digits}f}"
+    """A number with so many digits after the point; one without any has one where it is below ten."""
+    if value is None:
+        return "∞"
+    return f"{value:.{digits or int(0 < value < 9.95)}f}"
 
 
 def _count(value: float | None) -> str:
@@ -155,10 +158,6 @@ def _count(value: float | None) -> str:
 
 def _missing(standing: Mapping[str, Any]) -> str:
     return f" ({standing['left_out']} left out)" if standing["left_out"] else ""
-
-
-def _learned(problem: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return [each for each in problem["standings"] if each["kind"] == "learned"]
 
 
 def _caption(name: str) -> str:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from eval.pictures import as_png
+from eval.pictures import add_legend, as_png
 from eval.results import Curve
 from eval.statistics import band
 
@@ -34,7 +34,7 @@ def draw_curves(algorithms: Mapping[str, Sequence[Curve]]) -> bytes:
     right.yaxis.set_major_formatter(PercentFormatter(1.0))
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="small")
+    add_legend(figure, left.get_legend_handles_labels()[0])
     return as_png(figure, dpi=110, in_palette=True)
 
 

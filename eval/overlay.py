@@ -12,12 +12,12 @@ from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
 from agents.rollout import Episode
-from eval.pictures import as_png
+from eval.pictures import add_legend, as_png
 from irs_gym.task import World
 
 BROAD: dict[str, Any] = {"color": "white", "linewidth": 5.0, "linestyle": "-"}
 COLOURS = ("tab:orange", "tab:red", "tab:cyan", "magenta", "lime")
-DASHES = ("-", "--", ":", "-.")
+DASHES = ("--", ":", "-.")
 RIM = [patheffects.withStroke(linewidth=7.0, foreground="black")]
 
 
@@ -42,16 +42,16 @@ def draw_paths(world: World, paths: Mapping[str, Episode], dpi: int = 150, *, in
         Patch(facecolor="black", label="obstacle"),
         Patch(facecolor="0.8", edgecolor="0.35", hatch="////", label="below the target"),
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize="small")
+    add_legend(figure, handles)
     axes.set(title=_title(world), xlabel="x (m)", ylabel="y (m)")
     return as_png(figure, dpi, in_palette=in_palette)
 
 
 def _style(n: int) -> dict[str, Any]:
-    """Colour and dashes of path n; 20 paths look different."""
+    """Colour and dashes of path n: all but the second have gaps, through which others show; 15 look different."""
     if n == 0:
         return BROAD
-    return {"color": COLOURS[(n - 1) % 5], "linestyle": DASHES[(n - 1) % 4], "linewidth": 2.2}
+    return {"color": COLOURS[(n - 1) % 5], "linestyle": DASHES[n % 3] if n > 1 else "-", "linewidth": 2.2}
 
 
 def _draw_map(figure: Figure, axes: Axes, world: World) -> None:

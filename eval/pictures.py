@@ -1,7 +1,10 @@
-"""`as_png`: a figure of matplotlib as a PNG, a small one where 256 colours do."""
+"""`as_png`: a figure of matplotlib as a PNG, a small one where 256 colours do; and a legend below it that fits."""
 
+from collections.abc import Sequence
 from io import BytesIO
 
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -16,3 +19,12 @@ def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes
     content = BytesIO()
     few.save(content, format="png", optimize=True)
     return content.getvalue()
+
+
+def add_legend(figure: Figure, handles: Sequence[Artist]) -> None:
+    """A legend below the figure, in as many columns as its width has room for, up to four."""
+    lengths = [len(str(each.get_label())) + 7 for each in handles]  # in characters; seven for the line or mark
+    room = figure.get_figwidth() * 14  # characters of small print
+    widths = {n: sum(max(part, default=0) for part in np.array_split(lengths, n)) for n in (4, 3, 2, 1)}
+    columns = next((n for n, width in widths.items() if width <= room), 1)
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize="small")

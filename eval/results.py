@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.algorithms import Algorithm
 from agents.checkpoint import Run, RunError
 from agents.manifest import Config
 from agents.problem import Problem, problem_of
@@ -75,7 +76,7 @@ class Group:
     """Runs that differ in the seed alone: one problem, one algorithm, and the same settings."""
 
     problem: Problem
-    algorithm: str
+    algorithm: Algorithm
     settings: str  # JSON of all that is no part of the problem, such as {"agent.gamma": 0.98}
 
     @classmethod

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from agents.algorithms import Algorithm
 from agents.rollout import Episode, evaluation_env
 from eval.results import Group, Result
 from eval.score import RANDOM, play
 from eval.statistics import Estimate, estimate, interquartile_mean, mean, median, optimality_gap, share
 
-TITLES = {
+TITLES: dict[Algorithm, str] = {
     "ppo": "PPO",
     "maskable_ppo": "MaskablePPO",
     "dqn": "DQN",
@@ -118,7 +119,7 @@ def group_names(groups: Sequence[Group]) -> dict[Group, str]:
         usual = min(same, key=lambda one: sum(len(_differences(one, other)) for other in same))
         for group in same:
             words = [f"{name.partition('.')[2]} {value}" for name, value in _differences(group, usual).items()]
-            names[group] = ", ".join([TITLES.get(algorithm, algorithm), *words])
+            names[group] = ", ".join([TITLES[algorithm], *words])
     return names
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 import gymnasium
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from tyro.conf import Positional, arg
@@ -150,7 +151,7 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
 
 def table(scores: Sequence[Score]) -> Table:
     """The scores as a table for the terminal."""
-    rows = Table(caption="metres, ratio to the oracle's: means over successes")
+    rows = Table(caption="metres, ratio to the oracle's: means over successes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     rows.add_column("policy", no_wrap=True)
     for column in ("episodes", "success", "metres", "ratio", "SPL", "soft-SPL", "refused"):
         rows.add_column(column, justify="right", no_wrap=True)
@@ -163,7 +164,7 @@ def table(scores: Sequence[Score]) -> Table:
             "–" if each.ratio is None else f"{each.ratio:.3f}",
             f"{each.spl:.3f}",
             f"{each.soft_spl:.3f}",
-            f"{each.refused:g}",
+            f"{each.refused:.1f}",
         )
     return rows
 

@@ -3,11 +3,12 @@
 import json
 import sys
 from dataclasses import dataclass
-from io import BytesIO
+from io import BytesIO, StringIO
 
 import numpy as np
 import pytest
 from PIL import Image
+from rich.console import Console
 
 from agents.checkpoint import Run
 from agents.heuristics import REFERENCES, greedy, oracle
@@ -17,7 +18,7 @@ from agents.rollout import Episode, arguments_of, evaluation_env, roll_out
 from agents.vec_env import IrsNavVecEnv
 from eval.__main__ import main
 from eval.overlay import draw_paths
-from eval.score import play, score
+from eval.score import play, score, table
 from irs_gym import RadioMap
 from irs_gym.task import Task
 
@@ -132,6 +133,14 @@ def test_run_is_scored_beside_all_references(monkeypatch, capsys, run):
     assert all(name.replace("_", " ") in table for name in rows)
     with Image.open(run.folder / "paths.png") as picture:
         assert picture.size == (1200, 990)
+
+
+def test_table_of_a_terminal_of_80_columns_is_not_cut():
+    failed = score("masked_random", [episode(is_success=False, distance=3.0, refused=33)] * 100)
+    console = Console(width=80, file=StringIO())
+    console.print(table([score("greedy_margin", [episode(is_success=True, distance=12.345)]), failed]))
+    assert "12.345" in console.file.getvalue()
+    assert "…" not in console.file.getvalue()
 
 
 def test_several_runs_are_scored_in_one_call(monkeypatch, run, tmp_path):

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from rich.console import Console
 from rich.progress import track
@@ -21,7 +21,7 @@ from irs_gym.scene import scene_names
 def main(
     folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
     out: Path = MODELS,
-    algorithms: tuple[str, ...] = ("ppo", "dqn"),
+    algorithms: tuple[Literal["ppo", "maskable_ppo", "dqn", "qr_dqn"], ...] = ("ppo", "dqn"),
 ) -> int:
     """Keep the best policy of each algorithm on each problem among all runs below a folder.
 

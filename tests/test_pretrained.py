@@ -182,6 +182,7 @@ def test_nothing_is_kept_of_runs_that_failed(monkeypatch, capsys, tmp_path):
     save_run(tmp_path / "runs/0", "ppo", 0, net_arch=[8])
     assert call(monkeypatch, "pretrain", tmp_path / "runs", "--out", tmp_path / "models") == 2
     assert "reached the goal" in capsys.readouterr().err
+    assert call(monkeypatch, "pretrain", tmp_path / "runs", "--algorithms", "q_learning") == 2  # it has no network
     assert not (tmp_path / "models").exists()
 
 

@@ -1,5 +1,6 @@
 # make test    install once into .venv, run the tests        make demo   train PPO on the paper's scene and score it
 # make check   ruff, mypy, import layers, the wheel           make pin    write constraints.txt anew
+# make compat  the tests of irs_gym on Python 3.11 to 3.13, each with the oldest and the latest Gymnasium
 # make clean   remove .venv, caches and builds (runs/ stays)
 PYTHON ?= python3.11
 VENV ?= .venv
@@ -12,7 +13,7 @@ DEMO_TRAIN ?= -m train ppo --out $(DEMO_RUN) --overwrite
 DEMO_SCORE ?= -m eval score $(DEMO_RUN)
 
 .DELETE_ON_ERROR:
-.PHONY: test check lint types layers wheel demo pin clean
+.PHONY: test check lint types layers wheel compat demo pin clean
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
@@ -31,6 +32,9 @@ layers: $(INSTALLED)
 
 wheel: $(INSTALLED)
 	$(BIN)/python .ci/check_wheel.py
+
+compat:
+	$(PYTHON) .ci/compat.py
 
 demo: $(INSTALLED)
 	$(BIN)/python $(DEMO_TRAIN)

@@ -272,9 +272,9 @@ def test_a_frame_of_512_px_takes_under_10_ms():
     draw(view, trail)
 
     def seconds():
-        begin = time.perf_counter()
+        begin = time.process_time()  # of this process: others may keep the machine busy
         draw(view, trail)
-        return time.perf_counter() - begin
+        return time.process_time() - begin
 
     assert min(seconds() for _ in range(20)) < 0.010
 

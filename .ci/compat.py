@@ -1,0 +1,55 @@
+"""Run the tests of `irs_gym` on each Python at hand, with the oldest supported and the latest Gymnasium."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PYTHONS = ("3.11", "3.12", "3.13")
+GYMNASIUMS = ("gymnasium==1.1.*", "gymnasium")
+NEEDED = ("pytest", "pytest-xdist", "hypothesis", "networkx", "scikit-image", "shapely")
+# Tests that import these need torch, whose wheels come later than a new Python.
+ABOVE_CORE = re.compile(r"^(?:from|import) (?:agents|eval|train|stable_baselines3|sb3_contrib|torch)\b", re.MULTILINE)
+
+
+def find(version: str) -> str | None:
+    """A Python of that version: one on the path, or one that pyenv keeps."""
+    kept = sorted(Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")).glob(f"versions/{version}.*/bin/python"))
+    for candidate in (shutil.which(f"python{version}"), *reversed(kept)):
+        if candidate and not subprocess.run([candidate, "-c", ""], capture_output=True, check=False).returncode:
+            return str(candidate)
+    return None
+
+
+def check(python: str, gymnasium: str, folder: Path) -> bool:
+    """Whether the tests pass on that Python with that Gymnasium, in a new environment in the folder."""
+    own = str(folder / "bin" / "python")
+    subprocess.run([python, "-m", "venv", str(folder)], check=True)
+    pip = [own, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*pip, str(ROOT), gymnasium, *NEEDED], check=True)
+    say = "import gymnasium, numpy, sys; print(sys.version.split()[0], gymnasium.__version__, numpy.__version__)"
+    print("Python, Gymnasium, NumPy:", subprocess.check_output([own, "-c", say], text=True).strip(), flush=True)
+    files = [str(file) for file in sorted(ROOT.glob("tests/test_*.py")) if not ABOVE_CORE.search(file.read_text())]
+    tests = [own, "-m", "pytest", "--quiet", "-n", "auto", "-p", "no:cacheprovider", *files]
+    return not subprocess.run(tests, check=False, cwd=ROOT).returncode
+
+
+def main() -> int:
+    """Check all pairs of Python and Gymnasium; exit status 1 where one fails or a Python is missing."""
+    failed = []
+    for version in PYTHONS:
+        python = find(version)
+        for gymnasium in GYMNASIUMS if python else ("any gymnasium: no such Python",):
+            with tempfile.TemporaryDirectory() as folder:
+                if python is None or not check(python, gymnasium, Path(folder)):
+                    failed.append(f"Python {version} with {gymnasium}")
+    print("\n".join(f"failed: {each}" for each in failed) or "all pairs of Python and Gymnasium pass")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -111,8 +111,8 @@ def write_page(study: Study, traced: RadioMap, settings: dict[str, Any], out: Pa
         "The saved map is an environment:",
         "```python\n"
         "import gymnasium\n\n"
-        f'env = gymnasium.make("irs_gym:IrsNav-v0", radio_map="docs/sionna.npz", start={study.start}, goal={study.goal}, '
-        f"target_db={PATHS_AT_DB})\n"
+        f'env = gymnasium.make("irs_gym:IrsNav-v0", radio_map="docs/sionna.npz", start={study.start}, '
+        f"goal={study.goal}, target_db={PATHS_AT_DB})\n"
         "```",
         "On Debian 12, Sionna's LLVM backend needs `apt-get install libllvm19` and "
         "`DRJIT_LIBLLVM_PATH=/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1`; LLVM 14 and 15 abort on processors with "

@@ -42,7 +42,7 @@ demo: $(INSTALLED)
 
 $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing irs_gym, its trainers and its test tools into $(VENV): a few minutes, once"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[train,test]" -c constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[train,test,sweep]" -c constraints.txt
 	@touch $@
 
 $(BIN)/python:
@@ -54,7 +54,7 @@ PIN_TORCH ?= torch==2.13.0
 
 pin:
 	tmp=$$(mktemp -d) && trap 'rm -rf "$$tmp"' EXIT && $(PYTHON) -m venv "$$tmp" && \
-	"$$tmp/bin/python" -m pip install --quiet ".[train,test,play,geometry,sionna,peers]" "$(PIN_TORCH)" && \
+	"$$tmp/bin/python" -m pip install --quiet ".[train,test,sweep,play,geometry,sionna,peers]" "$(PIN_TORCH)" && \
 	"$$tmp/bin/python" -m pip freeze --all --exclude pip --exclude irs_gym > "$$tmp/freeze" && \
 	sed -e 's/+.*//' -e '/^nvidia/d' -e '/^cuda/d' -e '/^triton/d' "$$tmp/freeze" > "$$tmp/constraints.txt" && \
 	mv "$$tmp/constraints.txt" constraints.txt

@@ -16,6 +16,12 @@ from agents.checkpoint import Run, RunError
 from agents.manifest import Entry
 from train.evaluation import Evaluation
 
+ENDED = ("at_optimum", "finished")
+
+
+class CannotResumeError(RunError):
+    """A run without a checkpoint that could be used here; it can only be trained anew."""
+
 
 class Checkpoints(BaseCallback):
     """Writes a checkpoint at the beginning of rollouts, `every` steps or more apart, and when Ctrl-C ends the training.
@@ -46,14 +52,16 @@ def check(run: Run) -> None:
     Raises
     ------
     RunError
-        Where the run has ended, was trained with other packages, or holds no whole checkpoint.
+        Where the run has ended, or was begun with other packages.
     """
     manifest, here = run.manifest, provenance.versions()
-    if manifest.status in ("finished", "at_optimum"):
+    if manifest.status in ENDED:
         raise RunError(f"{str(run.folder)!r} has ended ({manifest.status}): there is nothing to resume")
     others = [f"{name} {old}, not {here.get(name)}" for name, old in manifest.versions.items() if here.get(name) != old]
     if others:
-        raise RunError(f"{str(run.folder)!r} can be resumed only with the packages that began it: {'; '.join(others)}")
+        raise CannotResumeError(
+            f"{str(run.folder)!r} can be resumed only with the packages that began it: {'; '.join(others)}"
+        )
 
 
 def restore(run: Run, evaluation: Evaluation) -> Any:
@@ -64,7 +72,7 @@ def restore(run: Run, evaluation: Evaluation) -> Any:
 
     Raises
     ------
-    RunError
+    CannotResumeError
         Where there are checkpoints, but none of them is whole.
     """
     entries = run.manifest.checkpoints
@@ -88,7 +96,7 @@ def _newest(run: Run, entries: tuple[Entry, ...]) -> tuple[Entry, bytes]:
             return entry, run.read(entry)
         except RunError as error:
             print(f"{error}: the checkpoint before it is used, if it is whole", file=sys.stderr)
-    raise RunError(f"{str(run.folder)!r} holds no whole checkpoint: train anew with --overwrite")
+    raise CannotResumeError(f"{str(run.folder)!r} holds no whole checkpoint: train anew with --overwrite")
 
 
 def _capture(model: Any, evaluation: Evaluation) -> bytes:

@@ -1,0 +1,188 @@
+"""`python -m train sweep FILE`: the runs of a sweep file, in parallel on Ray; started again, it goes on."""
+
+import os
+import re
+import sys
+import time
+from collections import Counter, deque
+from dataclasses import replace
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import ray
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from tyro.conf import Positional
+
+from agents.checkpoint import Run, write_file
+from agents.provenance import ROOT
+from agents.rollout import TOLERANCE
+from train import resume
+from train.config import TrainConfig, record_of
+from train.plan import Plan
+from train.run import train
+
+
+def main(file: Positional[Path], jobs: int | None = None, retries: int = 1) -> int:
+    """Train every algorithm in every setting with every seed that a sweep file names.
+
+    On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this checkout and the runs
+    under the same paths. Started again, it leaves runs that have ended as they are, goes on with those that were
+    interrupted, and tries those that have failed once more.
+
+    Parameters
+    ----------
+    file
+        Sweep file; there are some in train/sweeps/.
+    jobs
+        Runs at a time; None for one on each processor.
+    retries
+        How often a run that fails is tried again before it is kept as failed.
+    """
+    try:
+        if retries < 0 or (jobs is not None and jobs < 1):
+            raise ValueError(f"jobs={jobs} must be 1 or more, and retries={retries} must not be negative")
+        plan = Plan.load(file)
+        plan.check()
+    except (OSError, ValueError) as error:
+        print(f"python -m train sweep: {error}", file=sys.stderr)
+        return 2
+    sweep = Sweep(plan, retries)
+    try:
+        sweep.run(jobs)
+    except KeyboardInterrupt:
+        print("python -m train sweep: interrupted; the same command goes on", file=sys.stderr)
+        return 130
+    return 1 if "failed" in sweep.states.values() else 0
+
+
+class Sweep:
+    """The runs of a plan and how they stand: waiting, running, ended, exact or failed."""
+
+    def __init__(self, plan: Plan, retries: int) -> None:
+        self.plan, self.retries = plan, retries
+        self.states: dict[Path, str] = {}
+        self.waiting: deque[TrainConfig] = deque()
+        self.running: dict[Any, TrainConfig] = {}  # by Ray's name of the task
+        self.failures: Counter[Path] = Counter()
+        self.began, self.trained = time.monotonic(), 0
+        for config in plan.configs():
+            folder = _folder(config)
+            self.states[folder] = _state(folder)
+            if self.states[folder] in ("waiting", "failed"):
+                self.waiting.append(config)
+
+    def run(self, jobs: int | None) -> None:
+        """Train what is waiting, so many runs at a time; shows a table that follows it."""
+        console = Console()
+        if not self.waiting:
+            console.print(self.table())
+            return
+        slots = _start_ray(jobs)
+        try:
+            with Live(get_renderable=self.table, console=console, refresh_per_second=1) as live:
+                while self.waiting or self.running:
+                    while self.waiting and len(self.running) < slots:
+                        self._begin(self.waiting.popleft())
+                    ended, _ = ray.wait(list(self.running), timeout=1.0)
+                    for task in ended:
+                        live.console.print(self._end(task), highlight=False, soft_wrap=True)
+        finally:
+            ray.shutdown()
+
+    def table(self) -> Table:
+        """How many runs of each algorithm in each setting have ended, and found the optimum."""
+        algorithms = list(dict.fromkeys(algorithm for _, algorithm in self.plan.cells()))
+        cells = set(self.plan.cells())
+        rows = Table("setting", *(each.replace("_", " ") for each in algorithms), caption=self._caption())
+        for name in self.plan.settings:
+            rows.add_row(name, *(self._cell(name, each) if (name, each) in cells else "" for each in algorithms))
+        return rows
+
+    def _cell(self, setting: str, algorithm: str) -> str:
+        counts = Counter(self.states[self.plan.folder(setting, algorithm, n)] for n in range(self.plan.seeds))
+        said = [f"{counts['exact'] + counts['ended']}/{self.plan.seeds}", f"{counts['exact']} exact"]
+        return ", ".join(said + [f"{counts[state]} {state}" for state in ("running", "failed") if counts[state]])
+
+    def _caption(self) -> str:
+        counts = Counter(self.states.values())
+        passed = time.monotonic() - self.began
+        said = f"{counts['exact'] + counts['ended']} of {len(self.states)} runs, {counts['failed']} failed, "
+        said += f"{timedelta(seconds=round(passed))}"
+        if not self.trained or not self.running:
+            return said
+        left = passed / self.trained * (len(self.waiting) + len(self.running) / 2)
+        return f"{said}, about {timedelta(seconds=round(left))} left"
+
+    def _begin(self, config: TrainConfig) -> None:
+        self.states[_folder(config)] = "running"
+        self.running[_train.remote(config)] = config
+
+    def _end(self, task: Any) -> str:
+        """Note how a run has ended; returns it as a line of text."""
+        config = self.running.pop(task)
+        folder = _folder(config)
+        try:
+            said = ray.get(task)
+        except ray.exceptions.RayError as error:
+            said = self._fail(config, error)
+        else:
+            self.trained += 1
+        self.states[folder] = _state(folder)
+        if self.states[folder] == "waiting":
+            self.waiting.append(config)
+        return f"{folder}: {said}"
+
+    def _fail(self, config: TrainConfig, error: Exception) -> str:
+        folder, cause = _folder(config), getattr(error, "cause", error)
+        reason = f"{type(cause).__name__}: {cause}"
+        self.failures[folder] += 1
+        if self.failures[folder] <= self.retries:
+            return f"failed, and is tried again: {reason}"
+        run = Run.open(folder) if folder.exists() else Run.create(folder, record_of(config))
+        traceback = re.sub(r"\x1b\[\d+m", "", str(error))  # which Ray colours
+        write_file(folder / "traceback.txt", traceback.encode())
+        run.update(status="failed", error=reason)
+        return f"failed: {reason}; see {folder / 'traceback.txt'}"
+
+
+@ray.remote(num_cpus=1, max_calls=1, max_retries=0)  # a process for each run, so that none depends on another
+def _train(config: TrainConfig) -> str:
+    """Train a run, or go on with it; begins anew where it cannot go on. Returns its result in a line."""
+    folder = _folder(config)
+    if folder.exists():
+        try:
+            resume.check(Run.open(folder))
+            return train(replace(config, resume=folder))[1].summary
+        except resume.CannotResumeError as error:
+            print(f"{error}: the run begins anew", file=sys.stderr)
+    return train(replace(config, overwrite=True))[1].summary
+
+
+def _start_ray(jobs: int | None) -> int:
+    """Start Ray on this machine, or join the cluster at RAY_ADDRESS; returns how many runs to train at a time."""
+    address = os.environ.get("RAY_ADDRESS")
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
+    if address:
+        ray.init(address=address, runtime_env={"env_vars": {"PYTHONPATH": str(ROOT)}}, **quiet)
+    else:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        ray.init(address="local", num_cpus=jobs, include_dashboard=False, object_store_memory=10**8, **quiet)
+    return jobs or int(ray.cluster_resources()["CPU"])
+
+
+def _state(folder: Path) -> str:
+    if not folder.exists():
+        return "waiting"
+    manifest = Run.open(folder).manifest
+    if manifest.status not in resume.ENDED:
+        return "failed" if manifest.status == "failed" else "waiting"
+    best = manifest.models.get("best")
+    return "exact" if best and best.ratio is not None and best.ratio <= 1.0 + TOLERANCE else "ended"
+
+
+def _folder(config: TrainConfig) -> Path:
+    assert config.out is not None  # a plan names it
+    return config.out

@@ -13,13 +13,14 @@ class DqnConfig(NetworkConfig):
 
     algorithm: ClassVar[Algorithm] = "dqn"
 
-    total_timesteps: int = 200_000
+    total_timesteps: int = 150_000
     learning_rate: float = 1e-3
     final_learning_rate: float = 1e-5
     gamma: float = 0.99
     net_arch: tuple[int, ...] = (256, 256)
-    n_steps: int = 3
-    """Rewards that a return adds up before the value of the state thereafter."""
+    n_steps: int = 1
+    """Rewards that a return adds up before the value of the state thereafter: with more, random moves among them make
+    narrow passages look worse than they are, and the agent settles on a longer route."""
     batch_size: int = 512
     """Transitions in a minibatch."""
     train_freq: int = 1
@@ -34,7 +35,7 @@ class DqnConfig(NetworkConfig):
     """Steps between two copies of the network to the target network."""
     exploration_initial_eps: float = 1.0
     """Probability of a random move at the start; it falls linearly."""
-    exploration_final_eps: float = 0.1
+    exploration_final_eps: float = 0.05
     """Probability of a random move at the end of the fall and thereafter."""
     exploration_fraction: float = 0.3
     """Share of the schedule over which it falls."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONS = ("3.11", "3.12", "3.13")
-GYMNASIUMS = ("gymnasium==1.1.*", "gymnasium")
+LATEST, OLDEST = "gymnasium", "gymnasium==1.1.*"
 NEEDED = ("pytest", "pytest-xdist", "hypothesis", "networkx", "scikit-image", "shapely")
 # Tests that import these need torch, whose wheels come later than a new Python.
 ABOVE_CORE = re.compile(r"^(?:from|import) (?:agents|eval|train|stable_baselines3|sb3_contrib|torch)\b", re.MULTILINE)
@@ -26,14 +26,22 @@ def find(version: str) -> str | None:
 
 
 def check(python: str, gymnasium: str, folder: Path) -> bool:
-    """Whether the tests pass on that Python with that Gymnasium, in a new environment in the folder."""
+    """Whether the tests pass on that Python with that Gymnasium, in a new environment in the folder.
+
+    With the oldest Gymnasium, these are the tests that use it; all others would tell the same again.
+    """
     own = str(folder / "bin" / "python")
     subprocess.run([python, "-m", "venv", str(folder)], check=True)
     pip = [own, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     subprocess.run([*pip, str(ROOT), gymnasium, *NEEDED], check=True)
     say = "import gymnasium, numpy, sys; print(sys.version.split()[0], gymnasium.__version__, numpy.__version__)"
     print("Python, Gymnasium, NumPy:", subprocess.check_output([own, "-c", say], text=True).strip(), flush=True)
-    files = [str(file) for file in sorted(ROOT.glob("tests/test_*.py")) if not ABOVE_CORE.search(file.read_text())]
+    texts = {file: file.read_text() for file in sorted(ROOT.glob("tests/test_*.py"))}
+    files = [
+        str(file)
+        for file, text in texts.items()
+        if not ABOVE_CORE.search(text) and (gymnasium == LATEST or "import gymnasium" in text)
+    ]
     tests = [own, "-m", "pytest", "--quiet", "-n", "auto", "-p", "no:cacheprovider", *files]
     return not subprocess.run(tests, check=False, cwd=ROOT).returncode
 
@@ -43,9 +51,12 @@ def main() -> int:
     failed = []
     for version in PYTHONS:
         python = find(version)
-        for gymnasium in GYMNASIUMS if python else ("any gymnasium: no such Python",):
+        if python is None:
+            failed.append(f"Python {version}: there is none")
+            continue
+        for gymnasium in (LATEST, OLDEST):
             with tempfile.TemporaryDirectory() as folder:
-                if python is None or not check(python, gymnasium, Path(folder)):
+                if not check(python, gymnasium, Path(folder)):
                     failed.append(f"Python {version} with {gymnasium}")
     print("\n".join(f"failed: {each}" for each in failed) or "all pairs of Python and Gymnasium pass")
     return 1 if failed else 0

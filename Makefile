@@ -2,6 +2,7 @@
 # make check   ruff, mypy, import layers, the wheel           make pin    write constraints.txt anew
 # make rllib   the README's block for Ray's RLlib
 # make compat  the tests of irs_gym on Python 3.11 to 3.13, each with the oldest and the latest Gymnasium
+# make drill   kill a training ten times, resume it, and hold it against one left in peace
 # make clean   remove .venv, caches and builds (runs/ stays)
 PYTHON ?= python3.11
 VENV ?= .venv
@@ -14,7 +15,7 @@ DEMO_TRAIN ?= -m train ppo --out $(DEMO_RUN) --overwrite
 DEMO_SCORE ?= -m eval score $(DEMO_RUN)
 
 .DELETE_ON_ERROR:
-.PHONY: test check lint types layers wheel rllib compat demo pin clean
+.PHONY: test check lint types layers wheel rllib compat demo drill pin clean
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
@@ -48,6 +49,9 @@ compat:
 demo: $(INSTALLED)
 	$(BIN)/python $(DEMO_TRAIN)
 	$(BIN)/python $(DEMO_SCORE)
+
+drill: $(INSTALLED)
+	$(BIN)/python .ci/kill_drill.py
 
 $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing irs_gym, its trainers and its test tools into $(VENV): a few minutes, once"

@@ -67,6 +67,7 @@ def test_only_the_masked_learner_takes_masks():
         ("dqn", "--agent.gradient-steps 0", "gradient_steps=0"),
         ("dqn", "--agent.exploration-final-eps 1.5", "exploration_final_eps=1.5"),
         ("dqn", "--agent.learning-starts -1", "learning_starts=-1"),
+        ("dqn", "--agent.n-steps 3 --env.observation dict", "n_steps=3 needs observation='flat' or 'map'"),
         ("dqn", "--agent.buffer-size 10", "buffer_size=10 must be at least"),
         ("dqn", "--agent.final-learning-rate 0", "final_learning_rate=0"),
         ("qr_dqn", "--agent.n-quantiles 0", "n_quantiles=0"),

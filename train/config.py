@@ -64,6 +64,8 @@ class TrainConfig:
                 raise ValueError(f"{name}={getattr(self, name)} must be a positive integer")
         if not 0 <= self.seed < 2**32:
             raise ValueError(f"seed={self.seed} must be an integer from 0 to 2**32 - 1")
+        if isinstance(self.agent, DqnConfig) and self.agent.n_steps > 1 and self.env.observation == "dict":
+            raise ValueError(f"n_steps={self.agent.n_steps} needs observation='flat' or 'map'; 'dict' allows only 1")
 
 
 # Where paths differ by 2 % only, an agent finds the best one much more surely with starts in many places.

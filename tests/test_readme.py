@@ -114,7 +114,11 @@ def checkout(tmp_path_factory) -> Path:
 RUNNABLE = [block for block in blocks(README.read_text()) if block.language not in NOT_RUN]
 
 
-@pytest.mark.parametrize("block", RUNNABLE, ids=lambda block: "-".join([f"line-{block.line}", block.language, *block.needs]))
+def label(block: Block) -> str:
+    return "-".join([f"line-{block.line}", block.language, *block.needs])
+
+
+@pytest.mark.parametrize("block", RUNNABLE, ids=label)
 def test_block_runs(block, checkout):
     for package in block.needs:
         found = subprocess.run([sys.executable, "-c", f"import {package}"], capture_output=True, check=False)

@@ -16,7 +16,8 @@ class DqnConfig(NetworkConfig):
     total_timesteps: int = 150_000
     learning_rate: float = 1e-3
     final_learning_rate: float = 1e-5
-    gamma: float = 0.99
+    gamma: float = 0.98
+    """Discount factor: nearer to 1, the values that a narrow choice must tell apart span a wider range."""
     net_arch: tuple[int, ...] = (256, 256)
     n_steps: int = 1
     """Rewards that a return adds up before the value of the state thereafter: with more, random moves among them make

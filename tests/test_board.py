@@ -3,13 +3,13 @@
 import csv
 import json
 import re
-import sys
 from dataclasses import replace
 from math import inf
 from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluating import call
 from PIL import Image
 
 from agents.checkpoint import Run
@@ -19,7 +19,6 @@ from agents.ppo import PpoConfig
 from agents.rollout import arguments_of, evaluation_env, roll_out
 from agents.vec_env import IrsNavVecEnv
 from eval import board, results
-from eval.__main__ import main
 from eval.board_page import markdown
 from eval.learning_curves import align
 from eval.results import Curve, find_runs, read_results
@@ -81,15 +80,6 @@ def make_run(tmp_path, model):
         return run
 
     return make
-
-
-def call(monkeypatch, *words: object) -> int:
-    """Exit status of `python -m eval` in this process."""
-    monkeypatch.setattr(sys, "argv", ["eval", *map(str, words)])
-    try:
-        return main()
-    except SystemExit as ended:  # the parser's own
-        return ended.code
 
 
 def board_of(monkeypatch, folder: Path) -> dict:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluating import call
 from PIL import Image
 
 from agents.algorithms import model_class
@@ -19,7 +20,6 @@ from agents.pretrained import MODELS, Entry, Models, PretrainedError, Score, loa
 from agents.problem import problem_of
 from agents.rollout import arguments_of, evaluation_env, roll_out
 from agents.vec_env import IrsNavVecEnv
-from eval.__main__ import main
 from eval.watch import fit
 from irs_gym import RadioMap, load_scene
 from irs_gym.task import Task
@@ -27,15 +27,6 @@ from irs_gym.task import Task
 ROOT = Path(__file__).resolve().parents[1]
 TASK = Task(observation="flat", patch_radius=1, irs_phases=False, random_start=0.7)
 ENTRIES = Models.read(MODELS).models
-
-
-def call(monkeypatch, *words: object) -> int:
-    """Exit status of `python -m eval` in this process."""
-    monkeypatch.setattr(sys, "argv", ["eval", *map(str, words)])
-    try:
-        return main()
-    except SystemExit as ended:  # the parser's own
-        return ended.code
 
 
 @pytest.fixture

@@ -1,12 +1,12 @@
 """Facts of scoring: the oracle scores one, failures count as failures, and a run is scored as it was trained."""
 
 import json
-import sys
 from dataclasses import dataclass
 from io import BytesIO, StringIO
 
 import numpy as np
 import pytest
+from evaluating import call
 from PIL import Image
 from rich.console import Console
 
@@ -16,7 +16,6 @@ from agents.manifest import Config
 from agents.ppo import PpoConfig
 from agents.rollout import Episode, arguments_of, evaluation_env, roll_out
 from agents.vec_env import IrsNavVecEnv
-from eval.__main__ import main
 from eval.overlay import draw_paths
 from eval.score import play, score, table
 from irs_gym import RadioMap
@@ -33,15 +32,6 @@ def run(tmp_path) -> Run:
     model = TINY.build(IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK)), 0)
     run.save_model("best", model, 0, is_success=False, ratio=None)
     return run
-
-
-def call(monkeypatch, *words: object) -> int:
-    """Exit status of `python -m eval` in this process."""
-    monkeypatch.setattr(sys, "argv", ["eval", *map(str, words)])
-    try:
-        return main()
-    except SystemExit as ended:  # the parser's own
-        return ended.code
 
 
 def episode(*, is_success: bool, distance: float, refused: int = 0) -> Episode:

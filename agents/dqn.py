@@ -18,7 +18,7 @@ class DqnConfig(NetworkConfig):
     final_learning_rate: float = 1e-5
     gamma: float = 0.98
     """Discount factor: nearer to 1, the values that a narrow choice must tell apart span a wider range."""
-    net_arch: tuple[int, ...] = (256, 256)
+    net_arch: tuple[int, ...] = (128, 128)
     n_steps: int = 1
     """Rewards that a return adds up before the value of the state thereafter: with more, random moves among them make
     narrow passages look worse than they are, and the agent settles on a longer route."""

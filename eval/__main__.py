@@ -11,6 +11,7 @@ COMMANDS = {
     "sionna": "trace the paper's room with Sionna RT and write docs/sionna.md",
     "score": "score a trained run against the oracle and draw both paths over the map",
     "board": "put all runs below a folder on one scoreboard, with intervals over seeds",
+    "ablations": "tell what each part of the task and of the setting is worth in steps to the optimum",
     "speed": "time the environments beside others",
     "pretrain": "keep the best policy of each algorithm on each problem in models/",
     "watch": "show a pretrained model, a run or a reference policy on its way",

@@ -50,7 +50,7 @@ def markdown(board: Mapping[str, Any], figures: str) -> str:
     problems = [_problem(each, figures) for each in board["problems"]]
     return page(
         introduction, "## At a glance", _glance(board), OVERALL, _overall(board), *problems, _left_out(board),
-        _origin(board),
+        origin(board),
     )  # fmt: skip
 
 
@@ -97,10 +97,15 @@ def _overall(board: Mapping[str, Any]) -> str:
 
 
 def _problem(problem: Mapping[str, Any], figures: str) -> str:
-    standings = table(HEADS, [_row(each) for each in problem["standings"]])
+    standings = standings_table(problem["standings"])
     pictures = [f"![{_caption(name)}]({figures}/{name})\n\n*{_caption(name)}.*" for name in problem["figures"]]
     distance = f"The oracle needs {problem['oracle_distance']:.3f} m."
     return "\n\n".join([f"## {problem['label']}", distance, standings, *pictures])
+
+
+def standings_table(standings: Sequence[Mapping[str, Any]]) -> str:
+    """Standings on one problem, one in a row."""
+    return table(HEADS, [_row(each) for each in standings])
 
 
 def _row(standing: Mapping[str, Any]) -> tuple[str, ...]:
@@ -172,7 +177,9 @@ def _left_out(board: Mapping[str, Any]) -> str:
     return "## Runs left out\n\n" + table(("folder", "problem", "policy", "why"), rows)
 
 
-def _origin(board: Mapping[str, Any]) -> str:
+def origin(board: Mapping[str, Any]) -> str:
+    """Commits and versions that the runs were trained and scored with."""
+
     def listed(versions: Mapping[str, str]) -> str:
         return ", ".join(f"{name} {version}" for name, version in versions.items())
 

@@ -234,6 +234,29 @@ def test_page_and_figures_go_where_they_are_wanted(monkeypatch, tmp_path, make_r
     assert sorted(each.name for each in (tmp_path / "runs").iterdir()) == ["optimal-0", "report.html"]
 
 
+def test_ablations_tell_how_many_times_the_usual_steps_each_variant_takes(monkeypatch, tmp_path, make_run):
+    later = [{"steps": 500, "seconds": 9, "is_success": 1, "ratio": 1.0, "spl": 1.0}]
+    for seed in range(3):
+        make_run("optimal", seed)  # 200 steps to the optimum
+        make_run("optimal", seed, gamma=0.9, rows=later)
+        make_run("longer", seed, task=replace(TASK, shaping=False))
+    monkeypatch.setattr(board, "draw_paths", lambda *paths, **settings: b"")
+    assert call(monkeypatch, "ablations", tmp_path / "runs", "--out", tmp_path / "docs") == 0
+    page = (tmp_path / "docs/ablations.md").read_text()
+    assert "| PPO | 1.00 | 3 of 3 |" in page
+    assert "| PPO, gamma 0.9 | 2.50 | 3 of 3 |" in page
+    assert "| PPO, shaping False | never in half of the seeds | 0 of 3 |" in page
+    (link,) = re.findall(r"!\[.*?\]\((.*?)\)", page)
+    assert (tmp_path / "docs" / link).is_file()
+
+
+def test_ablations_of_two_problems_are_refused(monkeypatch, capsys, tmp_path, make_run):
+    make_run("optimal", 0)
+    make_run("failing", 0, task=replace(TASK, goal=(3, 1)))
+    assert call(monkeypatch, "ablations", tmp_path / "runs", "--out", tmp_path / "docs") == 2
+    assert "holds runs on 2 problems" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", [["nowhere"], [""], ["--episodes", 0]])
 def test_folder_without_a_complete_run_is_refused_in_words(monkeypatch, capsys, tmp_path, make_run, words):
     make_run("optimal", 0, status="running")

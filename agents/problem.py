@@ -6,9 +6,9 @@ from hashlib import sha256
 
 from irs_gym.grid import Cell
 from irs_gym.irs import ArrayModel, Quantiser
-from irs_gym.radio_map import RadioMap, as_scene
+from irs_gym.radio_map import RadioMap
 from irs_gym.scene import Scene, load_scene, scene_names
-from irs_gym.task import Constraint, Task
+from irs_gym.task import Constraint, Task, resolved
 
 PAPER_ELEMENTS = (1200,)
 
@@ -82,13 +82,11 @@ def problem_of(task: Task) -> Problem:
     ValueError
         Where one is damaged, or the elements do not fit the panels.
     """
-    radio_map, scene, elements = task.radio_map, None, ()
-    if radio_map is not None:
-        given = radio_map if isinstance(radio_map, RadioMap) else RadioMap.load(radio_map)
+    task, radio_map, scene, elements = resolved(task), None, None, ()
+    if isinstance(given := task.radio_map, RadioMap):
         cells = repr((given.grid.origin, given.grid.cell_size, given.gain_db.shape)).encode()
         radio_map = _digest(cells + given.gain_db.tobytes())
-    else:
-        own = as_scene(task.scene)
+    elif isinstance(own := task.scene, Scene):
         scene = _scene_name(own)
         elements = tuple(panel.elements for panel in own.with_irs_elements(task.irs_elements).irs_panels)
     has_irs = bool(elements)
@@ -108,9 +106,14 @@ def problem_of(task: Task) -> Problem:
 
 
 def _scene_name(scene: Scene) -> str:
-    if scene.name in scene_names() and scene == load_scene(scene.name):
+    """Name of the scene, whatever it says of target and resolution: a problem tells these apart."""
+    if scene.name in scene_names() and _place(scene) == _place(load_scene(scene.name)):
         return scene.name
-    return f"{scene.name}-{_digest(scene.model_dump_json().encode())}"
+    return f"{scene.name}-{_digest(_place(scene).encode())}"
+
+
+def _place(scene: Scene) -> str:
+    return scene.model_dump_json(exclude={"target_db", "phase_bits"})
 
 
 def _digest(content: bytes) -> str:

@@ -56,7 +56,7 @@ def _style(n: int) -> dict[str, Any]:
 
 def _draw_map(figure: Figure, axes: Axes, world: World) -> None:
     """Gain in colour, obstacles in black, cells below the target pale and hatched, the target on the colour bar."""
-    grid, gain_db, target_db = world.radio_map.grid, world.radio_map.gain_db, world.task.target_db
+    grid, gain_db, target_db = world.radio_map.grid, world.radio_map.gain_db, world.target_db
     (left, bottom), (right, top) = grid.origin, grid.upper
     free = world.radio_map.free
     image = axes.imshow(np.where(free, gain_db, np.nan).T, origin="lower", extent=(left, right, bottom, top))
@@ -95,4 +95,4 @@ def _title(world: World) -> str:
     else:
         phases = "continuous phases" if task.phase_bits is None else f"{task.phase_bits}-bit phases ({task.quantiser})"
         radio = f"scene {world.scene.name!r} with IRS, {phases}"
-    return f"{radio}, target {task.target_db:g} dB"
+    return f"{radio}, target {world.target_db:g} dB"

@@ -27,7 +27,7 @@ NAMES = {  # of pygame's keys, by the number of the action: E, NE, N, NW, W, SW,
 
 def main(
     scene: str = "paper",
-    target_db: float = -61.8,
+    target_db: float | None = None,
     constraint: Literal["refuse", "terminate", "allow"] = "refuse",
     random_start: bool = False,
     seed: int | None = None,
@@ -41,7 +41,7 @@ def main(
     scene
         A scene's name in the package, or the path of a scene file.
     target_db
-        Lowest expected channel gain in dB that keeps the robot connected.
+        Lowest expected channel gain in dB that keeps the robot connected; by default the scene's own.
     constraint
         What happens at a cell below the target: the move is refused, ends the episode, or is allowed at a cost.
     random_start

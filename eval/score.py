@@ -142,8 +142,9 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
     }
     write_file(run.folder / "scores.json", (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
     paths = {"oracle": played["oracle"][0], run.config.algorithm.upper(): learned}
-    write_file(run.folder / "paths.png", draw_paths(env.unwrapped.world, paths))  # type: ignore[attr-defined]
-    print(f"{run.folder}: {model} model, after {entry.steps:,} steps, at {run.task.target_db:g} dB")
+    world = env.unwrapped.world  # type: ignore[attr-defined]
+    write_file(run.folder / "paths.png", draw_paths(world, paths))
+    print(f"{run.folder}: {model} model, after {entry.steps:,} steps, at {world.target_db:g} dB")
     Console().print(table(scores))
     print(f"written: {run.folder / 'scores.json'} and paths.png beside it")
     return scores

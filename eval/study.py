@@ -63,7 +63,8 @@ class Study:
         """Map of a scheme, with so many elements on each panel; None: as the scene says."""
         if not scheme.has_irs:
             elements = 0
-        return _radio_map(self.scene, self.cell_size, elements, scheme.phase_bits, quantiser)
+        continuous = self.scene.model_copy(update={"phase_bits": None})  # the scheme says the resolution, not the scene
+        return _radio_map(continuous, self.cell_size, elements, scheme.phase_bits, quantiser)
 
     def curve(self, scheme: Scheme, quantiser: Quantiser = "nearest", elements: int | None = None) -> TradeOff:
         """Shortest distance over the target, exactly."""

@@ -2,14 +2,13 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import floor
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves, octile_distance
-from irs_gym.oracle import distance_to_go, highest_feasible_target
+from irs_gym.oracle import distance_to_go, infeasible
 from irs_gym.task import World
 
 ACTIONS = len(MOVES)
@@ -92,14 +91,14 @@ class Tables:
 @lru_cache(maxsize=8)
 def tabulate(world: World, goal: Cell) -> Tables:
     """Tables of a world for one goal, with one run of Dijkstra; kept, so the same goal costs nothing again."""
-    grid, task = world.radio_map.grid, world.task
+    grid = world.radio_map.grid
     to_go = distance_to_go(world.feasible, goal, grid.cell_size)
     gain_db = world.radio_map.gain_db
     return Tables(
         world=world,
         goal=goal,
         transition=_records(**transition(world, goal)._asdict()),
-        cell=_records(distance_to_go=to_go, gain_db=gain_db, margin_db=gain_db - task.target_db),
+        cell=_records(distance_to_go=to_go, gain_db=gain_db, margin_db=gain_db - world.target_db),
         action_mask=action_mask(world),
         distance_to_go=to_go,
         starts=start_cells(to_go, goal),
@@ -119,7 +118,7 @@ def draw_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
     check_cell(world, "goal", goal)
     starts = tabulate(world, goal).starts
     if not len(starts):
-        raise ValueError(f"goal={goal} cannot be reached from any other cell at target_db={world.task.target_db}")
+        raise ValueError(f"goal={goal} cannot be reached from any other cell at target_db={world.target_db}")
     i, j = divmod(int(starts[rng.integers(len(starts))]), world.feasible.shape[1])
     return i, j
 
@@ -147,12 +146,7 @@ def tables_for(world: World, start: Cell, goal: Cell) -> Tables:
         raise ValueError(f"start={start} must differ from the goal")
     tables = tabulate(world, goal)
     if not np.isfinite(tables.distance_to_go[start]):
-        highest = highest_feasible_target(world.radio_map.gain_db, start, goal)
-        # rounded down, so that the number is feasible when typed in
-        advice = (
-            "no target is" if highest == -np.inf else f"the highest feasible target is {floor(highest * 1e4) / 1e4} dB"
-        )
-        raise ValueError(f"target_db={world.task.target_db} is infeasible from {start} to {goal}: {advice}")
+        raise ValueError(infeasible(world.radio_map.gain_db, start, goal, world.target_db))
     return tables
 
 

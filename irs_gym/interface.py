@@ -68,7 +68,7 @@ def view_of(world: World, start: Cell, goal: Cell) -> View:
     scene, radio_map = world.scene, world.radio_map
     return View(
         gain_db=radio_map.gain_db,
-        target_db=world.task.target_db,
+        target_db=world.target_db,
         grid=radio_map.grid,
         access_points=tuple(each.position[:2] for each in scene.access_points) if scene else (),
         irs_panels=tuple(each.position[:2] for each in scene.irs_panels) if scene else (),

@@ -73,7 +73,7 @@ def build_observer(world: World, goal: Cell) -> Observer:
 
 def scaled_margin(world: World) -> NDArray[np.float32]:
     """Margin over the target in `MARGIN_SCALE_DB`, clipped to [-1, 1]; -1 in obstacles. Shape ``(X, Y)``."""
-    margin = (world.radio_map.gain_db - world.task.target_db) / MARGIN_SCALE_DB
+    margin = (world.radio_map.gain_db - world.target_db) / MARGIN_SCALE_DB
     return np.clip(margin, -1.0, 1.0).astype(np.float32)
 
 

@@ -1,7 +1,7 @@
 """The oracle: exact shortest paths, distances to go and the highest feasible target of a map, as plain arrays."""
 
 from dataclasses import dataclass
-from math import sqrt
+from math import floor, sqrt
 from typing import Any
 
 import numpy as np
@@ -131,6 +131,14 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
             return -np.inf
         widest = max(widest, rank[cell])
     return -float(levels[widest])
+
+
+def infeasible(gain_db: NDArray[np.float64], start: Cell, goal: Cell, target_db: float) -> str:
+    """What to say of a target at which start and goal are not connected: it names the highest that is feasible."""
+    highest = highest_feasible_target(gain_db, start, goal)
+    # rounded down, so that the number is feasible when typed in
+    advice = "no target is" if highest == -np.inf else f"the highest feasible target is {floor(highest * 1e4) / 1e4} dB"
+    return f"target_db={target_db} is infeasible from {start} to {goal}: {advice}"
 
 
 def flat_cell(array: NDArray[np.generic], cell: Cell, name: str) -> int:

@@ -145,7 +145,7 @@ def build_radio_map(
     irs_elements
         Elements on each panel, the paper's M; 0 is its "without IRS". None: as the scene says (1,200 in ``"paper"``).
     phase_bits, quantiser, array_model
-        See `irs_gym.irs.Hardware`; None for continuous phases.
+        See `irs_gym.irs.Hardware`. ``phase_bits=None``: as the scene says (continuous phases in ``"paper"``).
 
     Returns
     -------
@@ -161,7 +161,7 @@ def build_radio_map(
         Where an argument is out of its range; the message names it.
     """
     scene = as_scene(scene).with_irs_elements(irs_elements)
-    hardware, grid = Hardware(phase_bits, quantiser, array_model), scene.grid(cell_size)
+    hardware, grid = _hardware(scene, phase_bits, quantiser, array_model), scene.grid(cell_size)
     gain_db = np.full(grid.shape, -np.inf)
     for cells, positions in _blocks(scene, grid, hardware):
         gains = [channel(scene, ap, positions).expected_gain(hardware) for ap in scene.access_points]
@@ -183,7 +183,7 @@ def build_phase_shifts(
     panel, column after column; zero in obstacles. With several access points, the phases serve the cell's own.
     """
     scene = as_scene(scene).with_irs_elements(irs_elements)
-    hardware, grid = Hardware(phase_bits, quantiser, array_model), scene.grid(cell_size)
+    hardware, grid = _hardware(scene, phase_bits, quantiser, array_model), scene.grid(cell_size)
     shifts = np.zeros((*grid.shape, sum(panel.subsurfaces for panel in scene.irs_panels)), dtype=np.float32)
     by_cell = shifts.reshape(grid.shape[0] * grid.shape[1], -1)
     for cells, positions in _blocks(scene, grid, hardware):
@@ -197,6 +197,10 @@ def build_phase_shifts(
 def as_scene(scene: Scene | str | Path) -> Scene:
     """The scene itself, or the one of that name or path."""
     return scene if isinstance(scene, Scene) else load_scene(scene)
+
+
+def _hardware(scene: Scene, phase_bits: int | None, quantiser: Quantiser, array_model: ArrayModel) -> Hardware:
+    return Hardware(scene.phase_bits if phase_bits is None else phase_bits, quantiser, array_model)
 
 
 def _blocks(scene: Scene, grid: Grid, hardware: Hardware) -> Iterator[tuple[NDArray[np.int64], Floats]]:

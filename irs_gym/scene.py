@@ -15,9 +15,12 @@ from irs_gym.grid import Grid
 
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
+PhaseBits = Annotated[int, Field(ge=1, le=16)]
 Point2 = tuple[float, float]
 Point3 = tuple[float, float, float]
 Wall = Literal["x_min", "x_max", "y_min", "y_max"]
+
+TARGET_DB = -61.8  # the paper's, where nothing else is said
 
 
 class _Part(BaseModel):
@@ -151,6 +154,8 @@ class Scene(_Part):
     carrier_ghz: Positive
     rician_factor_db: float
     path_loss: PathLoss
+    target_db: float = TARGET_DB  # lowest expected channel gain that keeps the robot connected
+    phase_bits: PhaseBits | None = None  # resolution of all panels' phase shifters; None for continuous phases
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from irs_gym.grid import Cell
 from irs_gym.irs import ArrayModel, Hardware, Quantiser
 from irs_gym.radio_map import RadioMap, as_scene, build_phase_shifts, build_radio_map
-from irs_gym.scene import Scene
+from irs_gym.scene import TARGET_DB, Scene
 
 Constraint = Literal["refuse", "terminate", "allow"]
 Observation = Literal["dict", "flat", "map"]
@@ -28,14 +28,14 @@ class Task:
 
     scene: str | Path | Scene = "paper"
     """A scene's name in the package, the path of a scene file, or a scene."""
-    target_db: float = -61.8
-    """Lowest expected channel gain in dB that keeps the robot connected."""
+    target_db: float | None = None
+    """Lowest expected channel gain in dB that keeps the robot connected; None as the scene says (-61.8 in "paper")."""
     cell_size: float = 0.5
     """Edge of a cell in metres."""
     irs_elements: int | None = None
     """Elements on each IRS panel, the paper's M; 0 for no IRS; None as the scene says (1,200 in "paper")."""
     phase_bits: int | None = None
-    """Resolution of the phase shifters; None for continuous phases."""
+    """Resolution of the phase shifters; None as the scene says (continuous in "paper")."""
     quantiser: Quantiser = "nearest"
     """How continuous phases are rounded to `phase_bits`."""
     array_model: ArrayModel = "far_field"
@@ -67,8 +67,9 @@ class Task:
             if getattr(self, name) not in get_args(choices):
                 raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}")
         for name in ("target_db", "goal_bonus"):
-            if not _is_number(getattr(self, name)) or not isfinite(getattr(self, name)):
-                raise ValueError(f"{name}={getattr(self, name)!r} must be a finite number")
+            value = getattr(self, name)
+            if (value is not None or name == "goal_bonus") and not (_is_number(value) and isfinite(value)):
+                raise ValueError(f"{name}={value!r} must be a finite number")
         if self.goal_bonus < 0:
             raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
         if not _is_number(self.random_start) or not 0 <= self.random_start <= 1:
@@ -101,17 +102,47 @@ def task_of(arguments: dict[str, Any]) -> Task:
     return Task(**arguments)
 
 
+def resolved(task: Task) -> Task:
+    """The task with its scene or map read, and with all that it left to the scene: a target and a resolution.
+
+    A map from elsewhere says no target: that of the paper is taken. A resolved task is left as it is.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where the scene or map file does not exist.
+    ValueError
+        Where it is damaged.
+    """
+    if task.radio_map is not None:
+        radio_map = task.radio_map if isinstance(task.radio_map, RadioMap) else RadioMap.load(task.radio_map)
+        return replace(task, radio_map=radio_map, target_db=TARGET_DB if task.target_db is None else task.target_db)
+    scene = as_scene(task.scene)
+    return replace(
+        task,
+        scene=scene,
+        target_db=scene.target_db if task.target_db is None else task.target_db,
+        phase_bits=scene.phase_bits if task.phase_bits is None else task.phase_bits,
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class World:
     """A task with its map: arrays that never change, shared by all environments of that task."""
 
-    task: Task
+    task: Task  # resolved
     scene: Scene | None
     radio_map: RadioMap
     start: Cell
     goal: Cell
     feasible: NDArray[np.bool_]  # (X, Y)
     irs: NDArray[np.float32] = field(repr=False)  # (X, Y, 3 + N), what the observation tells of the IRS, in [-1, 1]
+
+    @property
+    def target_db(self) -> float:
+        """Lowest expected channel gain that keeps the robot connected."""
+        assert self.task.target_db is not None  # the task is resolved
+        return self.task.target_db
 
     @property
     def enterable(self) -> NDArray[np.bool_]:
@@ -133,11 +164,7 @@ def build_world(task: Task) -> World:
     ValueError
         Where the scene, the map or an argument is at fault.
     """
-    if task.radio_map is None:
-        return _build_world(replace(task, scene=as_scene(task.scene)))
-    if not isinstance(task.radio_map, RadioMap):
-        task = replace(task, radio_map=RadioMap.load(task.radio_map))
-    return _build_world(task)
+    return _build_world(resolved(task))
 
 
 @lru_cache(maxsize=16)
@@ -154,18 +181,22 @@ def _build_world(task: Task) -> World:
         radio_map = build_radio_map(scene, task.cell_size, None, *hardware)
         start = task.start or radio_map.grid.cell_of(scene.start)
         goal = task.goal or radio_map.grid.cell_of(scene.goal)
-        settings = _irs_settings(scene, task.phase_bits)
+        settings = irs_settings(scene, task.phase_bits)
         wanted = scene if task.irs_phases else scene.with_irs_elements(0)
         shifts = build_phase_shifts(wanted, task.cell_size, None, *hardware)
     assert start is not None  # Task asks for both along with a map
     assert goal is not None
+    assert task.target_db is not None
     spread = np.broadcast_to(settings.astype(np.float32), (*radio_map.grid.shape, 3))
     irs = np.concatenate([spread, np.clip(shifts / np.float32(np.pi) - 1, -1, 1)], axis=-1)
     return World(task, scene, radio_map, start, goal, radio_map.feasible(task.target_db), irs)
 
 
-def _irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
-    """Presence (-1 or 1), resolution (1 - 2/L, 1 if continuous) and size (1 - 2/(1 + M/1000)) of the IRS."""
+def irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
+    """What an agent is told of the IRS, shape ``(3,)``, all -1 where there is none.
+
+    Presence (-1 or 1), resolution (1 - 2/L, 1 if continuous) and size (1 - 2/(1 + M/1000), M of all panels).
+    """
     elements = sum(panel.elements for panel in scene.irs_panels)
     if not elements:
         return np.full(3, -1.0)

@@ -1,7 +1,7 @@
 """`TrainConfig`: all settings of a run, the command line that is made from them, and those of an old run."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import get_args
 
@@ -21,7 +21,7 @@ from agents.rollout import arguments_of
 from agents.settings import AgentConfig
 from irs_gym.radio_map import RadioMap
 from irs_gym.scene import Scene
-from irs_gym.task import Task
+from irs_gym.task import Task, resolved
 
 
 @dataclass(frozen=True)
@@ -84,12 +84,13 @@ _OF_THE_CALL = ("out", "resume", "overwrite", "progress")  # not of the run, who
 
 
 def record_of(config: TrainConfig) -> Config:
-    """What a run folder keeps of the settings."""
-    own = ("agent", "env", "seed", *_OF_THE_CALL)
+    """What a run folder keeps of the settings; what the environment leaves to its scene is written out."""
+    own, whole = ("agent", "env", "seed", *_OF_THE_CALL), resolved(config.env)
+    env = replace(config.env, target_db=whole.target_db, phase_bits=whole.phase_bits)
     return Config(
         algorithm=config.agent.algorithm,
         seed=config.seed,
-        env=arguments_of(config.env),
+        env=arguments_of(env),
         agent=asdict(config.agent),
         training={name: value for name, value in vars(config).items() if name not in own},
     )

@@ -7,6 +7,9 @@ from typing import Any, Literal, get_args
 Algorithm = Literal["ppo", "maskable_ppo", "dqn", "qr_dqn", "q_learning"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
+Generalist = Literal["planner", "planner_ppo", "unet", "unet_ppo", "vin"]  # learn on many scenes, over whole maps
+GENERALISTS: tuple[Generalist, ...] = get_args(Generalist)
+
 _CLASSES: dict[Algorithm, tuple[str, str]] = {
     "ppo": ("stable_baselines3", "PPO"),
     "maskable_ppo": ("sb3_contrib", "MaskablePPO"),
@@ -22,11 +25,16 @@ def model_class(algorithm: Algorithm) -> Any:
     return getattr(import_module(module), name)
 
 
-def load(algorithm: Algorithm, content: bytes) -> Any:
+def load(algorithm: Algorithm | Generalist, content: bytes) -> Any:
     """The model in the content of a file, to act with.
 
-    A network's file is unpickled in part, which runs what stands in it: load only what is known by its SHA-256.
+    A network's file is unpickled in part, which runs what stands in it: load only what is known by its SHA-256. Files
+    of tables and generalists hold plain arrays.
     """
+    if algorithm in GENERALISTS:
+        from agents.map_policy import MapPolicy
+
+        return MapPolicy.load(content)
     # The class of a replay buffer is left out: it is for learning, and SB3 warns of it beside n-step returns.
     left_out = {"replay_buffer_class": None}
     return model_class(algorithm).load(BytesIO(content), device="cpu", custom_objects=left_out)

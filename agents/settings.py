@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gymnasium import spaces
 
@@ -12,6 +12,21 @@ from agents.algorithms import Algorithm, model_class
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
+
+Kind = Literal["whole", "positive", "share"]
+_KINDS: dict[Kind, tuple[Callable[[Any], bool], str]] = {
+    "whole": (lambda value: value >= 1, "a positive integer"),
+    "positive": (lambda value: 0 < value < float("inf"), "a positive number"),
+    "share": (lambda value: 0 <= value <= 1, "a number from 0 to 1"),
+}
+
+
+def check_settings(settings: Any, kind: Kind, *names: str) -> None:
+    """Raise a ``ValueError`` that names the first of these fields whose value is not of the kind."""
+    is_right, wanted = _KINDS[kind]
+    for name in names:
+        if not is_right(getattr(settings, name)):
+            raise ValueError(f"{name}={getattr(settings, name)} must be {wanted}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,18 +59,13 @@ class AgentConfig:
         raise NotImplementedError
 
     def _check_whole(self, *names: str) -> None:
-        self._check(names, lambda value: value >= 1, "a positive integer")
+        check_settings(self, "whole", *names)
 
     def _check_positive(self, *names: str) -> None:
-        self._check(names, lambda value: 0 < value < float("inf"), "a positive number")
+        check_settings(self, "positive", *names)
 
     def _check_share(self, *names: str) -> None:
-        self._check(names, lambda value: 0 <= value <= 1, "a number from 0 to 1")
-
-    def _check(self, names: Iterable[str], is_right: Callable[[Any], bool], wanted: str) -> None:
-        for name in names:
-            if not is_right(getattr(self, name)):
-                raise ValueError(f"{name}={getattr(self, name)} must be {wanted}")
+        check_settings(self, "share", *names)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,82 @@
+"""`Imitation`: a network over maps learns all optimal moves of all cells from the oracle."""
+
+import math
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from agents.map_network import maps_of
+from agents.map_settings import ImitationConfig
+from agents.symmetry import SYMMETRIES, turn, turn_moves
+from irs_gym.grid import MOVE_LENGTHS, MOVES
+from irs_gym.pool import Pool
+
+_TOLERANCE = 1e-9  # relative: lengths are sums of floats
+
+
+def optimal_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np.bool_]:
+    """Which moves from each cell begin a shortest path.
+
+    Parameters
+    ----------
+    to_go
+        Distances to go in metres, +inf where the goal cannot be reached; shape ``(S, X, Y)``.
+    cell_size
+        Edge of a cell in metres.
+
+    Returns
+    -------
+    Shape ``(S, 8, X, Y)``; no move where the goal cannot be reached, nor at the goal.
+    """
+    columns, rows = to_go.shape[1:]
+    padded = np.pad(to_go, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
+    ahead = np.stack([padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1)
+    length = MOVE_LENGTHS[:, None, None] * cell_size
+    return (ahead + length <= to_go[:, None] * (1.0 + _TOLERANCE)) & np.isfinite(to_go)[:, None]
+
+
+def imitation_loss(logits: Tensor, is_optimal: Tensor) -> Tensor:
+    """Minus the logarithm of the probability of all optimal moves together, mean over the cells that have any.
+
+    Both arguments have the shape ``(B, 8, X, Y)``.
+    """
+    right = logits.masked_fill(~is_optimal, -torch.inf).movedim(1, -1)
+    is_labelled = is_optimal.any(dim=1)
+    return (logits.movedim(1, -1)[is_labelled].logsumexp(dim=-1) - right[is_labelled].logsumexp(dim=-1)).mean()
+
+
+class Imitation:
+    """Draws scenes without replacement until all were seen, each batch under one of the eight symmetries."""
+
+    def __init__(self, config: ImitationConfig, network: nn.Module, rng: np.random.Generator) -> None:
+        self.config, self.network, self._rng = config, network, rng
+        self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
+        self._waiting = np.zeros(0, dtype=np.int64)
+
+    def update(self, pool: Pool, progress: float) -> tuple[int, dict[str, float]]:
+        """One batch, counted in scenes; see `agents.map_learner.Teacher`."""
+        scenes, symmetry = self._draw(len(pool)), int(self._rng.choice(SYMMETRIES))
+        is_optimal = torch.from_numpy(optimal_moves(pool.distance_to_go[scenes], pool.cell_size))
+        plan = self.network(turn(maps_of(pool, scenes), symmetry))
+        loss = imitation_loss(plan.logits, turn_moves(is_optimal, symmetry))
+        if self.config.to_go_coef:
+            to_go = turn(torch.from_numpy(pool.distance_to_go[scenes] / pool.cell_size), symmetry)
+            can_reach = to_go.isfinite()
+            error = (plan.to_go[can_reach] - to_go[can_reach].to(plan.to_go)).abs().mean() / 40.0
+            loss = loss + self.config.to_go_coef * error
+        for group in self._optimizer.param_groups:
+            group["lr"] = self.config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * progress))
+        self._optimizer.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
+        self._optimizer.step()
+        return len(scenes), {"loss": loss.item()}
+
+    def _draw(self, scenes: int) -> NDArray[np.int64]:
+        batch = min(self.config.batch_scenes, scenes)
+        if len(self._waiting) < batch:
+            self._waiting = self._rng.permutation(scenes)
+        drawn, self._waiting = self._waiting[:batch], self._waiting[batch:]
+        return drawn

@@ -1,0 +1,91 @@
+"""What all networks over maps share: what they see (`maps_of`), what they say (`Plan`), and their file.
+
+A file holds plain arrays and a line of JSON; nothing in it is unpickled.
+"""
+
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from importlib import import_module
+from io import BytesIO
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from agents.map_settings import NetworkName
+from irs_gym.observation import MARGIN_SCALE_DB
+from irs_gym.pool import Pool
+
+STILL = [0, 1, 3]  # channels of the environment's map observation that stay the same while the robot moves
+_CLASSES: dict[NetworkName, tuple[str, str]] = {
+    "planner": ("agents.planner", "PlanningNetwork"),
+    "unet": ("agents.unet", "UNet"),
+    "vin": ("agents.vin", "ValueIterationNetwork"),
+}
+
+
+class NetworkFileError(ValueError):
+    """A file that is not a network over maps, or a damaged one."""
+
+
+class Plan(NamedTuple):
+    """What a network says of all cells of its maps at once."""
+
+    logits: Tensor  # (B, 8, X, Y), of the moves in the order of `irs_gym.grid.MOVES`
+    to_go: Tensor  # (B, X, Y), its estimate of the way to the goal, in units of its own
+
+
+def maps_of(pool: Pool, scenes: NDArray[np.int64]) -> Tensor:
+    """What networks see of some scenes of a pool: float32 ``(B, 3, X, Y)``.
+
+    The channels are those of the environment's map observation without the robot: margin over the target, obstacle,
+    goal.
+    """
+    maps = np.zeros((len(scenes), 3, *pool.shape), dtype=np.float32)
+    margin_db = pool.gain_db[scenes] - pool.target_db[scenes, None, None]
+    maps[:, 0] = np.clip(margin_db / MARGIN_SCALE_DB, -1.0, 1.0)
+    maps[:, 1] = np.isneginf(margin_db)
+    maps[np.arange(len(scenes)), 2, pool.goal[scenes, 0], pool.goal[scenes, 1]] = 1.0
+    return torch.from_numpy(maps)
+
+
+def plan_pool(network: nn.Module, pool: Pool, batch: int = 32) -> NDArray[np.float32]:
+    """Logits of a network for all cells of all scenes of a pool: ``(S, 8, X, Y)``."""
+    network.eval()
+    with torch.inference_mode():
+        scenes = np.array_split(np.arange(len(pool)), -(-len(pool) // batch))
+        return np.concatenate([network(maps_of(pool, each)).logits.numpy() for each in scenes])
+
+
+def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
+    """A network by its name, untrained; its weights are drawn from PyTorch's random numbers."""
+    module, kind = _CLASSES[name]
+    network: nn.Module = getattr(import_module(module), kind)(**settings)
+    return network
+
+
+def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Module) -> bytes:
+    """A network as the content of a file; equal weights give equal bytes."""
+    content = BytesIO()
+    header = np.array(json.dumps({"network": name, "settings": dict(settings)}))
+    weights = {f"weight:{key}": each.numpy() for key, each in network.state_dict().items()}
+    np.savez_compressed(content, header=header, **weights)
+    return content.getvalue()
+
+
+def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Module]:
+    """Name, settings and network in the content of a file; raises `NetworkFileError` where it is none."""
+    try:
+        with np.load(BytesIO(content), allow_pickle=False) as arrays:
+            header = json.loads(str(arrays["header"]))
+            weights = {key.removeprefix("weight:"): arrays[key] for key in arrays.files if key != "header"}
+        network = build_network(header["network"], header["settings"])
+        network.load_state_dict({key: torch.from_numpy(each) for key, each in weights.items()})
+    except (ValueError, KeyError, TypeError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        raise NetworkFileError(f"the file does not hold a network over maps: {error}") from None
+    network.eval()
+    return header["network"], header["settings"], network

@@ -1,0 +1,140 @@
+"""`ScenePpo`: proximal policy optimisation over many scenes, a forward pass for each scene.
+
+Stable-Baselines3's PPO would ask the network for a whole map at every transition, mix scenes within its minibatches,
+and hand over a dict for every robot and step. Here a rollout is a few gathers from tables, and an epoch one pass over
+the scenes of the rollout. Objective and estimator are the same.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from agents.map_network import maps_of
+from agents.map_settings import ScenePpoConfig
+from irs_gym.grid import MOVE_LENGTHS, MOVES, octile_distance
+from irs_gym.pool import Pool
+
+GOAL_BONUS = 20.0  # cells: the environment's 10 m
+
+
+class Rollout(NamedTuple):
+    """Transitions of N robots over T steps, shape ``(T, N)``."""
+
+    cell: NDArray[np.int64]  # flat, over all scenes of the rollout
+    action: NDArray[np.int64]
+    advantage: NDArray[np.float32]
+    value_target: NDArray[np.float32]
+
+
+class Rules(NamedTuple):
+    """The environment's rules for some scenes, over flat cells of all of them: shape ``(G * X * Y, 8)``."""
+
+    ahead: NDArray[np.int64]  # flat cell that a move leads to
+    reward: NDArray[np.float32]  # in cells
+    is_over: NDArray[np.bool_]
+    octile: NDArray[np.float32]  # (G * X * Y,), cells to the goal without obstacles
+
+
+class ScenePpo:
+    """PPO whose critic is an affine function of the network's own estimate of the way to go."""
+
+    def __init__(self, config: ScenePpoConfig, network: nn.Module, rng: np.random.Generator) -> None:
+        self.config, self.network, self._rng = config, network, rng
+        self.critic = nn.Linear(2, 1)  # of the way to go and the octile distance, in units of 20 cells
+        with torch.no_grad():
+            self.critic.weight.copy_(torch.tensor([[-20.0, 20.0]]))
+            self.critic.bias.fill_(GOAL_BONUS)
+        self._optimizer = torch.optim.Adam([*network.parameters(), *self.critic.parameters()], config.learning_rate)
+
+    def update(self, pool: Pool, progress: float) -> tuple[int, dict[str, float]]:
+        """One rollout and its epochs, counted in steps of robots; see `agents.map_learner.Teacher`."""
+        config = self.config
+        scenes = self._rng.choice(len(pool), min(config.scenes, len(pool)), replace=False)
+        maps, rules = maps_of(pool, scenes), rules_of(pool, scenes)
+        with torch.no_grad():
+            log_probabilities, values = self._ask(maps, rules)
+        starts = self._draw_starts(pool, scenes)
+        rollout = self._roll_out(rules, starts, log_probabilities.exp().numpy(), values.numpy())
+        before = log_probabilities[rollout.cell, rollout.action]
+        for group in self._optimizer.param_groups:
+            group["lr"] = config.learning_rate + progress * (config.final_learning_rate - config.learning_rate)
+        for _ in range(config.n_epochs):
+            loss, seen = self._loss(maps, rules, rollout, before, config.ent_coef * (1.0 - progress))
+            self._optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(self._optimizer.param_groups[0]["params"], config.max_grad_norm)
+            self._optimizer.step()
+        return rollout.cell.size, seen
+
+    def _ask(self, maps: Tensor, rules: Rules) -> tuple[Tensor, Tensor]:
+        """Logarithms of the probabilities of moves ``(cells, 8)``, and values ``(cells,)`` in cells."""
+        plan = self.network(maps)
+        log_probabilities = plan.logits.movedim(1, -1).reshape(-1, len(MOVES)).log_softmax(dim=-1)
+        features = torch.stack([plan.to_go.flatten(), torch.from_numpy(rules.octile)], dim=-1) / 20.0
+        return log_probabilities, self.critic(features)[:, 0]
+
+    def _draw_starts(self, pool: Pool, scenes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """A start for each step of each robot, ``(T + 1, N)``: the environment's random start, should it be needed."""
+        config, cells = self.config, pool.shape[0] * pool.shape[1]
+        draws = []
+        for n, scene in enumerate(scenes):
+            can_start = np.isfinite(pool.distance_to_go[scene]) & (pool.distance_to_go[scene] > 0)
+            draws.append(n * cells + self._rng.choice(np.flatnonzero(can_start), (config.n_steps + 1, config.robots)))
+        return np.concatenate(draws, axis=1)
+
+    def _roll_out(
+        self, rules: Rules, starts: NDArray[np.int64], probabilities: NDArray[np.float32], values: NDArray[np.float32]
+    ) -> Rollout:
+        cells, actions = np.empty((2, *starts[1:].shape), dtype=np.int64)
+        rewards, keep = np.empty((2, *cells.shape), dtype=np.float32)
+        ahead = np.empty_like(cells)
+        cumulated, here = probabilities.cumsum(axis=1), starts[0]
+        for t, draw in enumerate(self._rng.random(cells.shape, dtype=np.float32)):
+            cells[t] = here
+            action = (cumulated[here] < draw[:, None] * cumulated[here, -1:]).sum(axis=1)
+            actions[t], rewards[t] = action, rules.reward[here, action]
+            ahead[t], is_over = rules.ahead[here, action], rules.is_over[here, action]
+            keep[t], here = ~is_over, np.where(is_over, starts[t + 1], ahead[t])
+        advantage, config = np.zeros_like(rewards), self.config
+        error = rewards + config.gamma * keep * values[ahead] - values[cells]
+        running = np.zeros(cells.shape[1], dtype=np.float32)
+        for t in reversed(range(len(cells))):
+            running = error[t] + config.gamma * config.gae_lambda * keep[t] * running
+            advantage[t] = running
+        return Rollout(cells, actions, advantage, advantage + values[cells])
+
+    def _loss(
+        self, maps: Tensor, rules: Rules, rollout: Rollout, before: Tensor, ent_coef: float
+    ) -> tuple[Tensor, dict[str, float]]:
+        all_log_probabilities, all_values = self._ask(maps, rules)
+        cells, target = torch.from_numpy(rollout.cell), torch.from_numpy(rollout.value_target)
+        log_probabilities = all_log_probabilities[cells]
+        advantage = torch.from_numpy(rollout.advantage)
+        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        after = log_probabilities.gather(-1, torch.from_numpy(rollout.action)[..., None])[..., 0]
+        ratio, clip = (after - before).exp(), self.config.clip_range
+        gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage).mean()
+        error = (all_values[cells] - target).square().mean() / (target.var() + 1.0)
+        entropy = -(log_probabilities.exp() * log_probabilities).sum(dim=-1).mean()
+        loss = -gain + self.config.vf_coef * error - ent_coef * entropy
+        return loss, {"loss": loss.item(), "value_error": error.item(), "entropy": entropy.item()}
+
+
+def rules_of(pool: Pool, scenes: NDArray[np.int64]) -> Rules:
+    """Moves and rewards of `irs_gym.dynamics.transition` where cells below the target are refused, in cells."""
+    feasible = pool.feasible[scenes]
+    columns, rows = pool.shape
+    padded = np.pad(feasible, ((0, 0), (1, 1), (1, 1)))
+    is_legal = np.stack([padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1)
+    is_legal = is_legal.reshape(-1, len(MOVES))
+    here = np.arange(len(is_legal))[:, None]
+    ahead = np.where(is_legal, here + MOVES @ [rows, 1], here)
+    places = np.indices(pool.shape).transpose(1, 2, 0)
+    octile = octile_distance(places - pool.goal[scenes][:, None, None]).ravel().astype(np.float32)
+    goals = np.arange(len(scenes)) * columns * rows + pool.goal[scenes] @ [rows, 1]
+    is_over = is_legal & np.isin(ahead, goals)
+    reward = octile[:, None] - octile[ahead] - MOVE_LENGTHS + GOAL_BONUS * is_over
+    return Rules(ahead, reward.astype(np.float32), is_over, octile)

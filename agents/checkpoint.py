@@ -3,7 +3,7 @@
 - ``manifest.json``: status, versions, commit, and each model's file with its SHA-256. It makes a folder a run.
 - ``config.json``: algorithm, seed, environment and settings; a scene or map of the user's own is copied beside it.
 - ``learning_curve.csv``: a row for each evaluation during training.
-- ``best-STEPS.zip``, ``last-STEPS.zip`` (``.npz`` for a table): models.
+- ``best-STEPS.zip``, ``last-STEPS.zip`` (``.npz`` for a table or a generalist): models.
 - ``checkpoint-STEPS.pickle``: the state of a training that has not ended, to go on from; the newest two.
 
 Files are replaced as a whole, and a new model gets a new name, so that a run killed at any moment leaves a manifest
@@ -26,8 +26,8 @@ from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
 from agents import provenance
-from agents.algorithms import load
-from agents.manifest import Config, Entry, Manifest, ModelEntry, Record
+from agents.algorithms import GENERALISTS, load
+from agents.manifest import Config, Entry, GeneralistEntry, Manifest, ModelEntry, Record
 from irs_gym.radio_map import RadioMap, as_scene
 from irs_gym.scene import scene_names
 from irs_gym.task import Task, task_of
@@ -79,7 +79,7 @@ class Run:
         run = cls(Path(folder))
         if not (run.folder / "manifest.json").is_file():
             raise RunError(f"{str(folder)!r} is not a run folder: it has no manifest.json")
-        _ = run.manifest, run.task
+        _ = run.manifest, run.is_generalist or run.task
         return run
 
     def check_vacant(self, *, overwrite: bool) -> None:
@@ -102,8 +102,15 @@ class Run:
         return self._read("config.json", Config)
 
     @property
+    def is_generalist(self) -> bool:
+        """Whether many scenes were trained on, and not one task."""
+        return self.config.algorithm in GENERALISTS
+
+    @property
     def task(self) -> Task:
-        """The environment that was trained on."""
+        """The environment that was trained on; raises `RunError` for a generalist."""
+        if self.is_generalist:
+            raise RunError(f"{str(self.folder)!r} is a run of {self.config.algorithm}, which learned on many scenes")
         arguments = dict(self.config.env)
         for name, copy in COPIES.items():
             if arguments.get(name) == copy:
@@ -131,13 +138,19 @@ class Run:
             if re.fullmatch(r"\w+-\d+\.(zip|npz|pickle)", path.name) and path.name not in named:
                 path.unlink(missing_ok=True)
 
-    def save_model(self, name: str, model: Any, steps: int, *, is_success: bool, ratio: float | None) -> None:
-        """Write a model under a name (``"best"``, ``"last"``), in place of the one before it."""
+    def save_model(self, name: str, model: Any, steps: int, **result: Any) -> None:
+        """Write a model under a name (``"best"``, ``"last"``), in place of the one before it.
+
+        ``result`` is how it did in its test: the other fields of `ModelEntry`, or for a generalist of
+        `GeneralistEntry`.
+        """
         buffer = BytesIO()
         model.save(buffer)
-        file = f"{name}-{steps}.{'npz' if self.config.algorithm == 'q_learning' else 'zip'}"
+        is_array = self.is_generalist or self.config.algorithm == "q_learning"
+        file = f"{name}-{steps}.{'npz' if is_array else 'zip'}"
         digest = self._write_hashed(file, buffer.getvalue())
-        entry = ModelEntry(file=file, sha256=digest, steps=steps, is_success=is_success, ratio=ratio)
+        kind = GeneralistEntry if self.is_generalist else ModelEntry
+        entry = kind(file=file, sha256=digest, steps=steps, **result)
         self.update(models={**self.manifest.models, name: entry})
 
     def load_model(self, name: str = "best") -> Any:
@@ -163,7 +176,7 @@ class Run:
         older = [each for each in self.manifest.checkpoints if each.file != file]
         self.update(checkpoints=(entry, *older)[:CHECKPOINTS])
 
-    def rewind(self, checkpoint: Entry, models: Mapping[str, tuple[ModelEntry, bytes]]) -> None:
+    def rewind(self, checkpoint: Entry, models: Mapping[str, tuple[ModelEntry | GeneralistEntry, bytes]]) -> None:
         """Go back to where a checkpoint was written, with the models that there were then."""
         for entry, content in models.values():
             write_file(self.folder / entry.file, content)

@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from agents.algorithms import Algorithm
+from agents.algorithms import Algorithm, Generalist
 
 Status = Literal["running", "at_optimum", "finished", "interrupted", "failed"]
 
@@ -30,6 +30,13 @@ class ModelEntry(Entry):
     ratio: float | None  # distance over the oracle's, None for a failure
 
 
+class GeneralistEntry(Entry):
+    """The file of a generalist, and how its greedy policy did on the scenes it was tested on when it was saved."""
+
+    success: float  # share of the scenes
+    spl: float  # mean over them
+
+
 class Manifest(Record):
     """What ``manifest.json`` holds."""
 
@@ -37,7 +44,7 @@ class Manifest(Record):
     status: Status = "running"
     versions: dict[str, str]
     commit: str | None
-    models: dict[str, ModelEntry] = {}
+    models: dict[str, ModelEntry | GeneralistEntry] = {}
     checkpoints: tuple[Entry, ...] = ()  # the newest first
     error: str | None = None  # why the run has failed
 
@@ -45,8 +52,8 @@ class Manifest(Record):
 class Config(Record):
     """What ``config.json`` holds."""
 
-    algorithm: Algorithm
+    algorithm: Algorithm | Generalist
     seed: int
-    env: dict[str, Any]  # fields of `irs_gym.task.Task`
+    env: dict[str, Any]  # fields of `irs_gym.task.Task`; for a generalist, of `train.config.Scenes`
     agent: dict[str, Any]  # settings of the algorithm
     training: dict[str, Any]  # settings of the run

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import tyro
 
-from agents.algorithms import Algorithm
+from agents.algorithms import ALGORITHMS, GENERALISTS, Algorithm, Generalist
 from agents.checkpoint import RunError
-from train.config import DEFAULTS, parse
+from train.config import parse
 
 
 def main() -> int:
@@ -15,13 +15,13 @@ def main() -> int:
     name, *arguments = sys.argv[1:] or ["--help"]
     if name == "sweep":
         return _sweep(arguments)
-    if name not in DEFAULTS:
-        print(f"usage: python -m train {{{','.join(DEFAULTS)},sweep}} [--help]")
+    if name not in (*ALGORITHMS, *GENERALISTS):
+        print(f"usage: python -m train {{{','.join([*ALGORITHMS, *GENERALISTS])},sweep}} [--help]")
         return 0 if name in ("-h", "--help") else 2
     return _train(name, arguments)
 
 
-def _train(algorithm: Algorithm, arguments: Sequence[str]) -> int:
+def _train(algorithm: Algorithm | Generalist, arguments: Sequence[str]) -> int:
     config, program = parse(algorithm, arguments), f"python -m train {algorithm}"
 
     from train.run import check, train  # here, so that help and mistakes need not wait for PyTorch

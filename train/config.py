@@ -1,40 +1,43 @@
-"""`TrainConfig`: all settings of a run, the command line that is made from them, and those of an old run."""
+"""`TrainConfig` and `GeneralistConfig`: settings of a run, the command line made from them, and those of an old run."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import get_args
+from typing import Literal, get_args
 
 import tyro
 from pydantic import TypeAdapter
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from agents.algorithms import Algorithm
+from agents.algorithms import Algorithm, Generalist
 from agents.checkpoint import Run
 from agents.dqn import DqnConfig
 from agents.manifest import Config
+from agents.map_settings import (
+    MapAgentConfig,
+    PlannerConfig,
+    PlannerPpoConfig,
+    UNetConfig,
+    UNetPpoConfig,
+    VinConfig,
+)
 from agents.maskable_ppo import MaskablePpoConfig
 from agents.ppo import PpoConfig
 from agents.q_learning import QLearningConfig
 from agents.qr_dqn import QrDqnConfig
 from agents.rollout import arguments_of
-from agents.settings import AgentConfig
+from agents.settings import AgentConfig, check_settings
 from irs_gym.radio_map import RadioMap
 from irs_gym.scene import Scene
 from irs_gym.task import Task, resolved
 
+Split = Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size"]
 
-@dataclass(frozen=True)
-class TrainConfig:
-    """Train an agent, and keep what it becomes in a run folder.
 
-    The agent is tested from the fixed start again and again; its best state is kept. Ctrl-C ends the run in good order.
-    A run that was ended so, or killed, goes on with --resume.
-    """
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """Settings of every run."""
 
-    agent: AgentConfig
-    env: Task
-    """What is trained on; tests differ from it by the fixed start alone."""
     out: Path | None = None
     """Run folder; None for a new one under runs/, named by algorithm, seed and time."""
     resume: Path | None = None
@@ -45,10 +48,6 @@ class TrainConfig:
     """Seed of everything random; the same seed gives the same run."""
     eval_every: int = 8192
     """Least number of steps between two tests."""
-    stop_at_optimum: bool = True
-    """Whether to stop once the oracle's distance is reached and held; the agent itself never sees the oracle."""
-    hold: int = 3
-    """Tests in a row that must reach the oracle's distance before the run stops."""
     checkpoint_every: int = 50_000
     """Least number of steps between two checkpoints: the most that is lost when the run is killed."""
     tensorboard: bool = False
@@ -59,13 +58,65 @@ class TrainConfig:
     """Whether to show a progress bar."""
 
     def __post_init__(self) -> None:
-        for name in ("eval_every", "hold", "checkpoint_every", "threads"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name}={getattr(self, name)} must be a positive integer")
+        check_settings(self, "whole", "eval_every", "checkpoint_every", "threads")
         if not 0 <= self.seed < 2**32:
             raise ValueError(f"seed={self.seed} must be an integer from 0 to 2**32 - 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig(RunConfig):
+    """Train an agent, and keep what it becomes in a run folder.
+
+    The agent is tested from the fixed start again and again; its best state is kept. Ctrl-C ends the run in good order.
+    A run that was ended so, or killed, goes on with --resume.
+    """
+
+    agent: AgentConfig
+    env: Task
+    """What is trained on; tests differ from it by the fixed start alone."""
+    stop_at_optimum: bool = True
+    """Whether to stop once the oracle's distance is reached and held; the agent itself never sees the oracle."""
+    hold: int = 3
+    """Tests in a row that must reach the oracle's distance before the run stops."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_settings(self, "whole", "hold")
         if isinstance(self.agent, DqnConfig) and self.agent.n_steps > 1 and self.env.observation == "dict":
             raise ValueError(f"n_steps={self.agent.n_steps} needs observation='flat' or 'map'; 'dict' allows only 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenes:
+    """What a generalist is trained and tested on."""
+
+    split: Split = "train"
+    """Scenes to learn on."""
+    num_scenes: int = 3000
+    """How many."""
+    test_split: Split = "val"
+    """Scenes to test it on."""
+    test_scenes: int = 200
+    """How many."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "whole", "num_scenes", "test_scenes")
+        for name in ("split", "test_split"):
+            if getattr(self, name) not in get_args(Split):
+                raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(Split)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneralistConfig(RunConfig):
+    """Train an agent on many scenes, over whole maps, and keep what it becomes in a run folder.
+
+    The agent is tested again and again on scenes that it does not learn on; its best state is that of the greatest mean
+    SPL. Steps are those of PPO's robots; in imitation, scenes seen. Ctrl-C ends the run in good order. A run that was
+    ended so, or killed, goes on with --resume.
+    """
+
+    agent: MapAgentConfig
+    env: Scenes = Scenes()
 
 
 # Where paths differ by 2 % only, an agent finds the best one much more surely with starts in many places.
@@ -80,13 +131,32 @@ DEFAULTS: dict[Algorithm, TrainConfig] = {
     )
 }
 
+GENERALIST_DEFAULTS: dict[Generalist, GeneralistConfig] = {
+    agent.algorithm: GeneralistConfig(agent=agent, eval_every=test, checkpoint_every=test)
+    for agent, test in (
+        (PlannerConfig(), 2_400),
+        (UNetConfig(), 6_000),
+        (VinConfig(), 6_000),
+        (PlannerPpoConfig(), 200_000),
+        (UNetPpoConfig(), 100_000),
+    )
+}
+
 _OF_THE_CALL = ("out", "resume", "overwrite", "progress")  # not of the run, whose result they do not touch
 
 
-def record_of(config: TrainConfig) -> Config:
+def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig | None:
+    """The tuned settings of an algorithm; None for an unknown one."""
+    known: dict[str, TrainConfig | GeneralistConfig] = {**DEFAULTS, **GENERALIST_DEFAULTS}
+    return known.get(algorithm)
+
+
+def record_of(config: TrainConfig | GeneralistConfig) -> Config:
     """What a run folder keeps of the settings; what the environment leaves to its scene is written out."""
-    own, whole = ("agent", "env", "seed", *_OF_THE_CALL), resolved(config.env)
-    env = replace(config.env, target_db=whole.target_db, phase_bits=whole.phase_bits)
+    own, env = ("agent", "env", "seed", *_OF_THE_CALL), config.env
+    if isinstance(env, Task):
+        whole = resolved(env)
+        env = replace(env, target_db=whole.target_db, phase_bits=whole.phase_bits)
     return Config(
         algorithm=config.agent.algorithm,
         seed=config.seed,
@@ -96,19 +166,20 @@ def record_of(config: TrainConfig) -> Config:
     )
 
 
-def settings_of(run: Run) -> TrainConfig:
+def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
     """Settings of an old run; raises `ValueError` where there can be no such settings."""
-    record = run.config
-    kind = type(DEFAULTS[record.algorithm].agent)
-    agent = TypeAdapter(kind).validate_python(record.agent)
-    return TrainConfig(agent=agent, env=run.task, seed=record.seed, resume=run.folder, **record.training)
+    record, default = run.config, defaults_of(run.config.algorithm)
+    agent = TypeAdapter(type(default.agent)).validate_python(record.agent)
+    env = TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task
+    return type(default)(agent=agent, env=env, seed=record.seed, resume=run.folder, **record.training)
 
 
-def parse(algorithm: Algorithm, arguments: Sequence[str]) -> TrainConfig:
+def parse(algorithm: Algorithm | Generalist, arguments: Sequence[str]) -> TrainConfig | GeneralistConfig:
     """Settings from a command line; ends the program with a message where it is wrong."""
+    default = defaults_of(algorithm)
     return tyro.cli(
-        TrainConfig,
-        default=DEFAULTS[algorithm],
+        type(default),
+        default=default,
         args=arguments,
         prog=f"python -m train {algorithm}",
         registry=_registry(),

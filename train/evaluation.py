@@ -5,6 +5,7 @@ from typing import Any
 
 import gymnasium
 from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
 
 from agents.checkpoint import Run
 from agents.manifest import Status
@@ -83,26 +84,27 @@ class Evaluation(BaseCallback):
 
     def _test(self) -> None:
         self.latest = episode = roll_out(self.model, self.env)
-        self._last = self.num_timesteps
         self.held = self.held + 1 if episode.is_optimal else 0
-        self.rows.append(
-            {
-                "steps": self.num_timesteps,
-                "seconds": round(self.seconds, 3),
-                "is_success": int(episode.is_success),
-                "distance": episode.distance,
-                "ratio": episode.ratio,
-                "spl": episode.spl,
-                "refused": episode.refused,
-                "total_reward": episode.total_reward,
-            }
-        )
-        for name in ("is_success", "ratio", "spl"):
-            self.logger.record(f"eval/{name}", self.rows[-1][name])
+        row = {
+            "is_success": int(episode.is_success),
+            "distance": episode.distance,
+            "ratio": episode.ratio,
+            "spl": episode.spl,
+            "refused": episode.refused,
+            "total_reward": episode.total_reward,
+        }
+        self._note(row, ("is_success", "ratio", "spl"), is_best=self._is_better(episode))
+
+    def _note(self, row: dict[str, Any], logged: tuple[str, ...], *, is_best: bool) -> None:
+        """Put down the result of a test, and keep the best model."""
+        self._last = self.num_timesteps
+        self.rows.append({"steps": self.num_timesteps, "seconds": round(self.seconds, 3), **row})
+        for name in logged:
+            self.logger.record(f"eval/{name}", row[name])
         self.logger.dump(self.num_timesteps)
         self.run.write_curve(self.rows)
-        if self._is_better(episode):
-            self.best = episode
+        if is_best:
+            self.best = self.latest
             self.save("best")
 
     def save(self, name: str) -> None:
@@ -115,3 +117,17 @@ class Evaluation(BaseCallback):
         if self.best is None or not self.best.is_success:
             return True
         return episode.is_success and episode.distance < self.best.distance
+
+
+class Progress(BaseCallback):
+    """A progress bar in steps, however many are taken at a time."""
+
+    def _on_training_start(self) -> None:
+        self._bar = tqdm(total=self.locals["total_timesteps"], initial=self.num_timesteps, unit=" steps")
+
+    def _on_step(self) -> bool:
+        self._bar.update(self.num_timesteps - self._bar.n)
+        return True
+
+    def _on_training_end(self) -> None:
+        self._bar.close()

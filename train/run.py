@@ -10,24 +10,26 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from stable_baselines3.common.callbacks import CallbackList, ProgressBarCallback
+from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from agents.checkpoint import Run, RunError
 from agents.rollout import arguments_of, evaluation_env
 from agents.vec_env import IrsNavVecEnv
+from irs_gym import pool
 from train import resume
-from train.config import DEFAULTS, TrainConfig, record_of, settings_of
-from train.evaluation import Evaluation
+from train.config import GeneralistConfig, TrainConfig, defaults_of, record_of, settings_of
+from train.evaluation import Evaluation, Progress
+from train.generalisation import Generalisation
 
 
-def check(config: TrainConfig) -> None:
+def check(config: TrainConfig | GeneralistConfig) -> None:
     """Refuse what cannot be trained, before any work and before any file is touched.
 
     Raises
     ------
     OSError
-        Where a scene or map file cannot be read.
+        Where a scene, map or network file cannot be read.
     ValueError
         Where the environment cannot be made, an infeasible target included, or the run folder is taken; where a run
         cannot be resumed.
@@ -35,11 +37,14 @@ def check(config: TrainConfig) -> None:
     if config.resume is not None:
         _check_resumed(config, Run.open(config.resume))
         return
-    evaluation_env(config.env).close()
+    if isinstance(config, GeneralistConfig):
+        config.agent.build_network()
+    else:
+        evaluation_env(config.env).close()
     Run(_folder(config)).check_vacant(overwrite=config.overwrite)
 
 
-def train(config: TrainConfig) -> tuple[Run, Evaluation]:
+def train(config: TrainConfig | GeneralistConfig) -> tuple[Run, Evaluation]:
     """Train as the settings say; returns the run folder and what was seen of the agent on the way."""
     if config.resume is None:
         run = Run.create(_folder(config), record_of(config), overwrite=config.overwrite)
@@ -50,39 +55,55 @@ def train(config: TrainConfig) -> tuple[Run, Evaluation]:
         return run, _train(run, config)
 
 
-def _train(run: Run, config: TrainConfig) -> Evaluation:
+def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     torch.set_num_threads(config.threads)
-    hold = config.hold if config.stop_at_optimum else None
-    evaluation = Evaluation(run, evaluation_env(config.env), config.eval_every, hold)
+    evaluation = _evaluation(run, config)
     model = resume.restore(run, evaluation) if config.resume else None
     is_new = model is None
     if is_new:
-        model = config.agent.build(IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env)), config.seed)
+        model = config.agent.build(_material(config), config.seed)
+    elif isinstance(config, GeneralistConfig):
+        model.pool = _material(config)
     outputs = [TensorBoardOutputFormat(str(run.folder / "tensorboard"))] if config.tensorboard else []
     model.set_logger(Logger(folder=None, output_formats=outputs))
 
     callbacks = [evaluation, resume.Checkpoints(evaluation, config.checkpoint_every)]
-    callbacks += [ProgressBarCallback()] if config.progress else []
+    callbacks += [Progress()] if config.progress else []
     with _interruptible(evaluation):
         steps = config.agent.total_timesteps - model.num_timesteps
         model.learn(steps, CallbackList(callbacks), reset_num_timesteps=is_new)
     evaluation.save("last")
     run.update(status=evaluation.status, **({} if evaluation.is_interrupted else {"checkpoints": ()}))
-    model.get_env().close()
+    if isinstance(config, TrainConfig):
+        model.get_env().close()
     return evaluation
 
 
-def _check_resumed(config: TrainConfig, run: Run) -> None:
+def _evaluation(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
+    if isinstance(config, GeneralistConfig):
+        return Generalisation(run, pool.build_pool(config.env.test_split, config.env.test_scenes), config.eval_every)
+    hold = config.hold if config.stop_at_optimum else None
+    return Evaluation(run, evaluation_env(config.env), config.eval_every, hold)
+
+
+def _material(config: TrainConfig | GeneralistConfig) -> Any:
+    """What is trained on: an environment, or a pool of scenes."""
+    if isinstance(config, GeneralistConfig):
+        return pool.build_pool(config.env.split, config.env.num_scenes)
+    return IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env))
+
+
+def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:
     algorithm = config.agent.algorithm
     if run.config.algorithm != algorithm:
         raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, not of {algorithm}")
-    if config != replace(DEFAULTS[algorithm], resume=config.resume, progress=config.progress):
+    if config != replace(defaults_of(algorithm), resume=config.resume, progress=config.progress):
         raise ValueError("--resume goes on with the run's own settings: give none beside it but --no-progress")
     settings_of(run)
     resume.check(run)
 
 
-def _folder(config: TrainConfig) -> Path:
+def _folder(config: TrainConfig | GeneralistConfig) -> Path:
     name = f"{config.agent.algorithm}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"
     return config.out or Path("runs") / name
 

@@ -1,0 +1,37 @@
+"""`Generalisation`: tests a generalist on scenes that it does not learn on, and keeps its best state."""
+
+from agents.checkpoint import Run
+from agents.pool_rollout import Episodes
+from irs_gym.pool import Pool
+from train.evaluation import Evaluation
+
+
+class Generalisation(Evaluation):
+    """Plays the greedy policy from the start of each scene of a pool; the best state has the greatest mean SPL."""
+
+    latest: Episodes | None  # type: ignore[assignment]
+    best: Episodes | None  # type: ignore[assignment]
+
+    def __init__(self, run: Run, pool: Pool, every: int) -> None:
+        super().__init__(run, None, every, None)  # type: ignore[arg-type]  # plays in no environment
+        self.pool = pool
+
+    @property
+    def summary(self) -> str:
+        """The result in one line."""
+        assert self.best is not None
+        seen = f"{self.status.replace('_', ' ')} after {self.num_timesteps:,} steps, {self.rows[-1]['seconds']:.0f} s"
+        success, spl = self.best.is_success.mean(), self.best.spl.mean()
+        return f"{seen}; success {success:.3f}, SPL {spl:.4f} on {len(self.pool)} scenes that it did not learn on"
+
+    def _test(self) -> None:
+        self.latest = episodes = self.model.play(self.pool)
+        row = {"success": episodes.is_success.mean(), "spl": episodes.spl.mean(), "ratio": episodes.ratio}
+        is_best = self.best is None or row["spl"] > self.best.spl.mean()
+        self._note(row, ("success", "spl"), is_best=is_best)
+
+    def save(self, name: str) -> None:
+        """Write the model, with the result of its latest test, to the run folder."""
+        assert self.latest is not None
+        result = {"success": float(self.latest.is_success.mean()), "spl": float(self.latest.spl.mean())}
+        self.run.save_model(name, self.model, self.num_timesteps, **result)

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves, octile_distance
 from irs_gym.oracle import distance_to_go, infeasible
-from irs_gym.task import World
+from irs_gym.task import Constraint, Task, World
+
+Bools = NDArray[np.bool_]
 
 ACTIONS = len(MOVES)
 
@@ -26,43 +28,73 @@ class Transition(NamedTuple):
     is_at_goal: Any
 
 
-def potential(world: World, goal: Cell) -> NDArray[np.float64]:
-    """Shaping potential in metres, shape ``(X, Y)``: minus the octile distance to the goal, zero without shaping."""
-    grid = world.radio_map.grid
-    offsets = np.indices(grid.shape).transpose(1, 2, 0) - np.array(goal)
-    return -octile_distance(offsets) * grid.cell_size * world.task.shaping
+def potential(task: Task, offsets: NDArray[np.int64], cell_size: float) -> NDArray[np.float64]:
+    """Shaping potential in metres, shape ``(...)``: minus the octile distance to the goal, zero without shaping.
+
+    ``offsets`` ``(..., 2)``: cells from the goal along x and y.
+    """
+    return -octile_distance(offsets) * cell_size * task.shaping
+
+
+def reward(task: Task, length: Any, potential_now: Any, potential_next: Any, is_at_goal: Any) -> Any:
+    """Minus the metres of the move, plus the change of the potential, plus the goal's bonus."""
+    return -length + (potential_next - potential_now) + task.goal_bonus * is_at_goal
+
+
+def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[Bools, Bools]:
+    """Which actions are not refused, and which miss the target: both of shape ``(X, Y, 8)``.
+
+    A move into a wall, an obstacle or (unless allowed) a cell below the target is refused. Under ``"terminate"``, an
+    attempt to enter a cell below the target misses it, under ``"allow"`` whatever leads to one or stays in one.
+    """
+    keeps_target = legal_moves(feasible)
+    if constraint == "refuse":
+        return keeps_target, np.zeros_like(keeps_target)
+    is_open = legal_moves(free)
+    if constraint == "terminate":
+        return keeps_target, is_open & ~keeps_target
+    return is_open, np.where(is_open, ~keeps_target, ~feasible[..., None])
+
+
+def ends(task: Task, is_at_goal: Any, is_violation: Any) -> Any:
+    """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is missed."""
+    return is_at_goal | is_violation if task.constraint == "terminate" else is_at_goal
 
 
 def transition(world: World, goal: Cell) -> Transition:
     """The transition of every cell and action, arrays of shape ``(X * Y, 8)``.
 
-    A move into a wall, an obstacle or (unless allowed) a cell below the target leaves the robot where it is and
-    costs the move all the same. Under ``"terminate"``, an attempt to enter a cell below the target also ends the
-    episode. The reward is minus the metres of the move, plus the change of the potential, plus the goal's bonus.
+    A refused move leaves the robot where it is and costs the move all the same.
     """
     task, grid = world.task, world.radio_map.grid
     cells = np.arange(world.feasible.size)[:, None]
-    is_legal = action_mask(world).astype(bool)
+    is_legal, is_violation = (
+        each.reshape(-1, ACTIONS) for each in permissions(task.constraint, world.radio_map.free, world.feasible)
+    )
     next_cell = np.where(is_legal, cells + MOVES @ np.array([grid.shape[1], 1]), cells)
     length = np.broadcast_to(MOVE_LENGTHS * grid.cell_size, is_legal.shape)
     is_at_goal = is_legal & (next_cell == np.ravel_multi_index(goal, grid.shape))
+    phi = potential(task, _cells(grid.shape) - np.array(goal), grid.cell_size)
+    return Transition(
+        next_cell=next_cell,
+        reward=reward(task, length, phi[cells], phi[next_cell], is_at_goal),
+        moved=np.where(is_legal, length, 0.0),
+        is_refused=~is_legal,
+        cost=is_violation.astype(np.float64),
+        is_terminated=ends(task, is_at_goal, is_violation),
+        is_at_goal=is_at_goal,
+    )
 
-    is_violation = np.zeros_like(is_legal)
-    if task.constraint == "terminate":
-        is_violation = legal_moves(world.radio_map.free).reshape(is_legal.shape) & ~is_legal
-    elif task.constraint == "allow":
-        is_violation = ~world.feasible.ravel()[next_cell]
 
-    phi = potential(world, goal).ravel()
-    reward = -length + (phi[next_cell] - phi[cells]) + task.goal_bonus * is_at_goal
-    ends = is_at_goal | (is_violation & (task.constraint == "terminate"))
-    moved = np.where(is_legal, length, 0.0)
-    return Transition(next_cell, reward, moved, ~is_legal, is_violation.astype(np.float64), ends, is_at_goal)
+def _cells(shape: tuple[int, int]) -> NDArray[np.int64]:
+    """All cells (i, j), shape ``(X * Y, 2)``."""
+    return np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)
 
 
 def action_mask(world: World) -> NDArray[np.int8]:
     """1 where an action is not refused, shape ``(X * Y, 8)``."""
-    return legal_moves(world.enterable).reshape(-1, ACTIONS).astype(np.int8)
+    is_legal, _ = permissions(world.task.constraint, world.radio_map.free, world.feasible)
+    return is_legal.reshape(-1, ACTIONS).astype(np.int8)
 
 
 def start_cells(to_go: NDArray[np.float64], goal: Cell) -> NDArray[np.int64]:
@@ -92,7 +124,9 @@ class Tables:
 def tabulate(world: World, goal: Cell) -> Tables:
     """Tables of a world for one goal, with one run of Dijkstra; kept, so the same goal costs nothing again."""
     grid = world.radio_map.grid
-    to_go = distance_to_go(world.feasible, goal, grid.cell_size)
+    to_go = world.to_go if goal == world.goal else None
+    if to_go is None:
+        to_go = distance_to_go(world.feasible, goal, grid.cell_size)
     gain_db = world.radio_map.gain_db
     return Tables(
         world=world,
@@ -113,14 +147,27 @@ def _records(**columns: NDArray[Any]) -> NDArray[np.void]:
     return records
 
 
-def draw_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
-    """A start drawn among the cells from which the goal can be reached, never the goal itself."""
+def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
+    """The world's start; with the probability that its task says, one drawn among the cells that lead to the goal."""
+    if not draws_start(world.task, rng):
+        return world.start
     check_cell(world, "goal", goal)
     starts = tabulate(world, goal).starts
     if not len(starts):
         raise ValueError(f"goal={goal} cannot be reached from any other cell at target_db={world.target_db}")
-    i, j = divmod(int(starts[rng.integers(len(starts))]), world.feasible.shape[1])
+    i, j = divmod(draw_start(starts, rng), world.feasible.shape[1])
     return i, j
+
+
+def draws_start(task: Task, rng: np.random.Generator) -> bool:
+    """Whether the start of this episode is a drawn one."""
+    probability = task.random_start
+    return bool(probability and (probability == 1 or rng.random() < probability))
+
+
+def draw_start(starts: NDArray[np.int64], rng: np.random.Generator) -> int:
+    """One of the flat cells, all equally likely."""
+    return int(starts[rng.integers(len(starts))])
 
 
 def check_cell(world: World, name: str, cell: Cell) -> None:
@@ -156,12 +203,32 @@ def check_task(world: World) -> None:
     Raises
     ------
     ValueError
-        As `tables_for`; and where violations end the episode and one at once returns more than the oracle's path.
+        As `tables_for` and `check_bonus`.
     """
-    tables, bonus = tables_for(world, world.start, world.goal), world.task.goal_bonus
-    detour = float(tables.distance_to_go[world.start] + potential(world, world.goal)[world.start])
-    if world.task.constraint == "terminate" and detour >= bonus:
+    to_go = tables_for(world, world.start, world.goal).distance_to_go
+    check_bonus(
+        world.task, float(to_go[world.start]), np.subtract(world.start, world.goal), world.radio_map.grid.cell_size
+    )
+
+
+def check_bonus(task: Task, distance: float, offset: NDArray[np.int64], cell_size: float) -> None:
+    """Refuse a goal's bonus with which giving up would pay.
+
+    Parameters
+    ----------
+    distance
+        Of the shortest feasible path in metres.
+    offset
+        Shape ``(2,)``: cells from the goal to the start.
+
+    Raises
+    ------
+    ValueError
+        Where violations end the episode, and one at once returns more than the path.
+    """
+    detour = distance + float(potential(task, offset, cell_size))
+    if task.constraint == "terminate" and detour >= task.goal_bonus:
         raise ValueError(
-            f"goal_bonus={bonus} is too small for constraint='terminate': to end the episode by a violation would pay "
-            f"more than the detour of {detour:.3f} m, so a bonus above that is needed"
+            f"goal_bonus={task.goal_bonus} is too small for constraint='terminate': to end the episode by a violation "
+            f"would pay more than the detour of {detour:.3f} m, so a bonus above that is needed"
         )

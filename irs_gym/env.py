@@ -1,18 +1,16 @@
-"""`IrsNavEnv`: the single environment, a thin shell over the tables of the dynamics."""
+"""`IrsNavEnv`: the single environment over one scene, a thin shell over its episodes."""
 
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from irs_gym.dynamics import ACTIONS, check_task, draw_start, tables_for
-from irs_gym.grid import Cell
-from irs_gym.interface import METADATA, RENDERERS, checked_action, checked_options, checked_render_mode, view_of
-from irs_gym.observation import build_observer
-from irs_gym.oracle import Path, descend
+from irs_gym.dynamics import ACTIONS, check_task
+from irs_gym.episode import Episode, begin
+from irs_gym.interface import METADATA, checked_options, checked_render_mode
+from irs_gym.oracle import Path
 from irs_gym.task import Task, World, build_world, task_of
 from irs_gym.trail import Trail
 
@@ -72,21 +70,14 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
 
     metadata: dict[str, Any] = METADATA
 
-    _cell: int  # flat index
-    _trail: list[int]  # flat indices
-    _distance: float
-    _refused: int
-    _has_violated: bool
-    _is_running: bool
-
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.world: World = build_world(task_of(arguments))
         check_task(self.world)
-        self._enter(self.world.start, self.world.goal)
-        self.observation_space = self._observer.space
+        self._episode = Episode(self.world, self.world.start, self.world.goal)
+        self._episode.is_running = False
+        self.observation_space = self._episode.observer.packing.space
         self.action_space: spaces.Discrete = spaces.Discrete(ACTIONS)  # type: ignore[assignment]
-        self._is_running = False
 
     @property
     def task(self) -> Task:
@@ -101,7 +92,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     @property
     def oracle(self) -> Path:
         """The shortest feasible path of this episode: ``distance`` in metres, ``cells`` of shape ``(D, 2)``."""
-        return descend(self._tables.distance_to_go, self._start, self.radio_map.grid.cell_size)
+        return self._episode.oracle
 
     @property
     def path(self) -> Trail:
@@ -109,82 +100,25 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
 
         ``info["path"]`` holds it at termination; the step limit is not this environment's, so read it here then.
         """
-        return Trail(np.array(self._trail), self.world.feasible.shape)
+        return self._episode.path
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``.
 
         A mask reveals one step of radio information: whether each neighbouring cell meets the target.
         """
-        return np.asarray(self._tables.action_mask[self._cell], dtype=bool)
+        return self._episode.action_masks()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; ``options`` may hold ``start`` and ``goal``, cells (i, j)."""
         super().reset(seed=seed)
-        given = checked_options(options)
-        goal = given.get("goal", self.world.goal)
-        start = given.get("start") or self._draw_start(goal)
-        self._enter(start, goal)
-        return self._observer.observe(self._cell), {
-            **self._info(),
-            "oracle_distance": float(self._tables.distance_to_go[start]),
-        }
+        self._episode = begin(self.world, checked_options(options), self.np_random)
+        return self._episode.opening()
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move once; see the class for what the move does."""
-        if not self._is_running:
-            raise ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
-        entry = self._cell * ACTIONS + checked_action(action)
-        outcome: Any = self._tables.transition.item(entry)
-        next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = outcome
-        self._trail.append(next_cell)
-        self._cell = next_cell
-        self._distance += moved
-        self._refused += is_refused
-        self._has_violated = self._has_violated or cost > 0
-        self._is_running = not is_terminated
-        info = self._info(is_refused, cost, is_at_goal and not self._has_violated)
-        if is_terminated:
-            info["path"] = self.path
-        return self._observer.observe(next_cell), reward, is_terminated, False, info
+        return self._episode.step(action)
 
     def render(self) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""
-        if self.render_mode is None:
-            return None
-        return RENDERERS[self.render_mode](view_of(self.world, self._start, self._goal), self.path)
-
-    def _draw_start(self, goal: Cell) -> Cell:
-        probability = self.task.random_start
-        if probability and (probability == 1 or self.np_random.random() < probability):
-            return draw_start(self.world, goal, self.np_random)
-        return self.world.start
-
-    def _enter(self, start: Cell, goal: Cell) -> None:
-        self._tables = tables_for(self.world, start, goal)
-        self._observer = build_observer(self.world, goal)
-        self._start, self._goal = start, goal
-        self._cell = int(np.ravel_multi_index(start, self.radio_map.grid.shape))
-        self._trail = [self._cell]
-        self._distance, self._refused = 0.0, 0
-        self._has_violated, self._is_running = False, True
-
-    def _info(self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False) -> dict[str, Any]:
-        distance_to_go, gain_db, margin_db = self._tables.cell.item(self._cell)
-        return {
-            "distance": self._distance,
-            "refused": self._refused,
-            "distance_to_go": distance_to_go,
-            "gain_db": gain_db,
-            "margin_db": margin_db,
-            "action_mask": self._tables.action_mask[self._cell].copy(),
-            "is_refused": is_refused,
-            "cost": cost,
-            "is_success": is_success,
-            "spl": self._spl() if is_success else 0.0,
-        }
-
-    def _spl(self) -> float:
-        """Success weighted by path length (Anderson et al., 2018) of a success; start and goal always differ."""
-        shortest = float(self._tables.distance_to_go[self._start])
-        return shortest / max(shortest, self._distance)
+        return self._episode.render(self.render_mode)

@@ -7,13 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.stack import Stack, unpack_masks
+from irs_gym.ground import Ground
+
+Told = Mapping[str, Callable[["Step"], NDArray[Any]]]
 
 
 class Step(NamedTuple):
     """What the infos of one step are computed from; none of these arrays is written to again."""
 
-    stack: Stack
+    ground: Ground
     state: NDArray[np.int64]  # (n,)
     travel: NDArray[np.complex128]  # (n,), of this step: metres moved, plus 1j where refused
     travelled: NDArray[np.complex128]  # (n,), the same added up over the episode
@@ -21,6 +23,7 @@ class Step(NamedTuple):
     is_success: NDArray[np.bool_]  # (n,)
     oracle_distance: NDArray[np.float64]  # (n,)
     everywhere: NDArray[np.bool_]  # (n,), which environments the infos are of
+    told: Told  # how each key is computed
 
 
 def _spl(step: Step) -> NDArray[np.float64]:
@@ -28,19 +31,19 @@ def _spl(step: Step) -> NDArray[np.float64]:
     return np.divide(shortest, np.maximum(shortest, travelled), out=np.zeros(len(shortest)), where=step.is_success)
 
 
-_VALUES: dict[str, Callable[[Step], NDArray[Any]]] = {
+TOLD: dict[str, Callable[[Step], NDArray[Any]]] = {
     "distance": lambda step: step.travelled.real.copy(),
     "refused": lambda step: step.travelled.imag.astype(np.int64),
-    "distance_to_go": lambda step: step.stack.distance_to_go.take(step.state),
-    "gain_db": lambda step: step.stack.gain_db.take(step.state),
-    "margin_db": lambda step: step.stack.margin_db.take(step.state),
-    "action_mask": lambda step: unpack_masks(step.stack.action_mask.take(step.state)),
+    "distance_to_go": lambda step: step.ground.distance_to_go(step.state),
+    "gain_db": lambda step: step.ground.gain_db(step.state),
+    "margin_db": lambda step: step.ground.margin_db(step.state),
+    "action_mask": lambda step: step.ground.action_mask(step.state),
     "is_refused": lambda step: step.travel.imag > 0,
     "cost": lambda step: np.zeros(len(step.state)) if step.cost is None else step.cost.copy(),
     "is_success": lambda step: step.is_success.copy(),
     "spl": _spl,
 }
-_VALUES |= {f"_{key}": lambda step: step.everywhere.copy() for key in tuple(_VALUES)}
+TOLD |= {f"_{key}": lambda step: step.everywhere.copy() for key in tuple(TOLD)}
 
 
 class Infos(dict[str, Any]):
@@ -53,7 +56,7 @@ class Infos(dict[str, Any]):
         self,
         step: Step,
         chosen: NDArray[np.bool_] | None = None,
-        more: Mapping[str, Callable[[Step], NDArray[Any]]] = MappingProxyType({}),
+        more: Told = MappingProxyType({}),
     ) -> None:
         """Infos of a step; with ``chosen`` ``(n,)``, of those environments alone, and zero for the others.
 
@@ -61,7 +64,7 @@ class Infos(dict[str, Any]):
         """
         super().__init__()
         self.step, self._chosen = step, chosen
-        self._values: Mapping[str, Callable[[Step], NDArray[Any]]] = {**_VALUES, **more} if more else _VALUES
+        self._values: Told = {**step.told, **more} if more else step.told
 
     def __missing__(self, key: str) -> Any:
         value = self._values[key](self.step)

@@ -1,11 +1,12 @@
 """What both environments share towards their users: metadata, checks of what comes in, pictures."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from operator import index
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, tabulate
@@ -54,12 +55,38 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
     return checked.astype(np.int64, copy=False)
 
 
-def checked_options(options: dict[str, Any] | None) -> dict[str, Cell]:
-    """Start and goal of `reset`'s options; a ``ValueError`` names an unknown key or a value that is no cell."""
-    unknown = sorted(set(options or {}) - {"start", "goal"})
+def checked_options(options: dict[str, Any] | None, more: str | None = None) -> dict[str, Any]:
+    """The options of `reset`: ``start`` and ``goal``, checked to be cells, and ``more`` as it is given.
+
+    A ``ValueError`` names an unknown key, or a value that is no cell.
+    """
+    unknown = sorted(set(options or {}) - {"start", "goal", more})
     if unknown:
-        raise ValueError(f"options has the unknown key {', '.join(unknown)}: it may hold start and goal, cells (i, j)")
-    return {name: as_cell(cell, name) for name, cell in (options or {}).items()}
+        may_hold = "start and goal, cells (i, j)" + (f", and {more}" if more else "")
+        raise ValueError(f"options has the unknown key {', '.join(unknown)}: it may hold {may_hold}")
+    return {name: value if name == more else as_cell(value, name) for name, value in (options or {}).items()}
+
+
+def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
+    """The autoreset mode of that name; a ``ValueError`` lists the known ones for an unknown one."""
+    if isinstance(mode, AutoresetMode):
+        return mode
+    for each in AutoresetMode:
+        if mode in (each.value, each.name, each.name.lower()):
+            return each
+    raise ValueError(f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}")
+
+
+def checked_count(name: str, value: Any) -> int:
+    """A positive integer; a ``ValueError`` names what is none."""
+    if not isinstance(value, int | np.integer) or value < 1:
+        raise ValueError(f"{name}={value!r} must be a positive integer")
+    return int(value)
+
+
+def each_seed(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None] | None:
+    """A seed for each of ``count`` environments: the given ones, or counted up from one; None for no change."""
+    return [int(seed) + i for i in range(count)] if isinstance(seed, int | np.integer) else seed
 
 
 @lru_cache(maxsize=32)

@@ -1,8 +1,9 @@
-"""`Observer`: what an agent sees of a world, for one goal: spaces, layout and values."""
+"""`Observer`: what an agent sees of a world, for one goal; and `Packing`, its layout."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
-from irs_gym.task import World
+from irs_gym.task import Observation, World
 
 MARGIN_SCALE_DB = 5.0  # a margin of this many dB over the target is seen as 1
 _LARGEST_TABLE = 2**27  # bytes: observations of larger worlds are computed as they are asked for
@@ -18,35 +19,81 @@ _LARGEST_TABLE = 2**27  # bytes: observations of larger worlds are computed as t
 Rows = NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class Packing:
+    """How observations are packed in rows of float32.
+
+    In the order of their keys, as `gymnasium.spaces.flatten` packs a Dict: ``gain_patch`` (2r+1, 2r+1), ``irs``
+    (3 + N), ``position`` (4). As a map, a row holds the image (4, X, Y).
+    """
+
+    observation: Observation
+    side: int  # of the patch, 2r+1
+    settings: int  # 3 + N
+    shape: tuple[int, int]  # of the map, (X, Y)
+
+    @cached_property
+    def patch_end(self) -> int:
+        """Column of a row behind the patch."""
+        return self.side**2
+
+    @cached_property
+    def irs_end(self) -> int:
+        """Column of a row behind what it tells of the IRS."""
+        return self.side**2 + self.settings
+
+    @cached_property
+    def width(self) -> int:
+        """Columns of a row, D."""
+        return 4 * prod(self.shape) if self.observation == "map" else self.irs_end + 4
+
+    @cached_property
+    def space(self) -> spaces.Space[Any]:
+        """Of one observation."""
+        shapes = {"gain_patch": (self.side, self.side), "irs": (self.settings,), "position": (4,)}
+        if self.observation == "dict":
+            return spaces.Dict({name: _box(shape) for name, shape in shapes.items()})
+        return _box((self.width,) if self.observation == "flat" else (4, *self.shape))
+
+    def unpack(self, rows: Rows) -> Any:
+        """Observations of rows ``(..., D)``: views of them, with the leading axes kept."""
+        if self.observation == "flat":
+            return rows
+        leading = rows.shape[:-1]
+        if self.observation == "map":
+            return rows.reshape(*leading, 4, *self.shape)
+        patch_end, irs_end = self.patch_end, self.irs_end
+        return {
+            "gain_patch": rows[..., :patch_end].reshape(*leading, self.side, self.side),
+            "irs": rows[..., patch_end:irs_end],
+            "position": rows[..., irs_end:],
+        }
+
+
+def _box(shape: tuple[int, ...]) -> spaces.Box:
+    return spaces.Box(-1.0, 1.0, shape, dtype=np.float32)
+
+
 @dataclass(frozen=True, eq=False)
 class Observer:
     """Observations of the cells of one world for one goal.
 
-    Rows are packed float32 vectors. In the order of their keys, as `gymnasium.spaces.flatten` packs a Dict:
-    ``gain_patch`` (2r+1, 2r+1), ``irs`` (3 + N), ``position`` (4). As a map, a row holds the image (4, X, Y).
-
     Attributes
     ----------
-    space
-        Of one observation.
     rows
-        Rows ``(n, D)`` of flat cells ``(n,)``, written to the second argument.
-    unpack
-        Observations of rows ``(..., D)``: views of them, with the leading axes kept.
+        Packed rows ``(n, D)`` of flat cells ``(n,)``, written to the second argument.
     """
 
     world: World
     goal: Cell
-    space: spaces.Space[Any]
-    width: int
+    packing: Packing
     rows: Callable[[NDArray[np.int64], Rows], Rows]
-    unpack: Callable[[Rows], Any]
     table: Rows | None  # (X * Y, D), where it is small enough to keep
     _seen: Callable[[int], Any] = field(init=False, repr=False)  # unpacked views of the table's rows
 
     def __post_init__(self) -> None:
         # Robots are in the same cells again and again, and to copy parts is faster than to take a copy apart.
-        seen = lru_cache(maxsize=4096)(lambda cell: self.unpack(self.table[cell]))  # type: ignore[index]
+        seen = lru_cache(maxsize=4096)(lambda cell: self.packing.unpack(self.table[cell]))  # type: ignore[index]
         object.__setattr__(self, "_seen", seen)
 
     def __reduce__(self) -> Any:
@@ -55,7 +102,8 @@ class Observer:
     def observe(self, cell: int) -> Any:
         """Observation of one flat cell, in memory of its own."""
         if self.table is None:
-            return self.unpack(self.rows(np.array([cell]), np.empty((1, self.width), dtype=np.float32))[0])
+            rows = self.rows(np.array([cell]), np.empty((1, self.packing.width), dtype=np.float32))
+            return self.packing.unpack(rows[0])
         observation = self._seen(cell).copy()
         if isinstance(observation, dict):
             for name in observation:
@@ -66,62 +114,57 @@ class Observer:
 @lru_cache(maxsize=8)
 def build_observer(world: World, goal: Cell) -> Observer:
     """Observer of a world for one goal; kept, so the same goal costs nothing again."""
-    if world.task.observation == "map":
-        return _map_observer(world, goal)
-    return _packed_observer(world, goal)
+    task, shape = world.task, world.radio_map.grid.shape
+    packing = Packing(task.observation, 2 * task.patch_radius + 1, world.irs.shape[-1], shape)
+    rows = (_map_rows if task.observation == "map" else _packed_rows)(world, goal, packing)
+    cells, table = world.feasible.size, None
+    # A world whose distances were known beforehand is one of many: it is entered once, and few of its cells are seen.
+    if world.to_go is None and task.observation != "map" and cells * packing.width * 4 <= _LARGEST_TABLE:
+        table = rows(np.arange(cells), np.empty((cells, packing.width), dtype=np.float32))
+        table.setflags(write=False)
+    return Observer(world, goal, packing, rows, table)
 
 
-def scaled_margin(world: World) -> NDArray[np.float32]:
-    """Margin over the target in `MARGIN_SCALE_DB`, clipped to [-1, 1]; -1 in obstacles. Shape ``(X, Y)``."""
-    margin = (world.radio_map.gain_db - world.target_db) / MARGIN_SCALE_DB
-    return np.clip(margin, -1.0, 1.0).astype(np.float32)
+def scaled_margin(gain_db: NDArray[np.float64], target_db: float | NDArray[np.float64]) -> NDArray[np.float32]:
+    """Margin over the target in `MARGIN_SCALE_DB`, clipped to [-1, 1]; -1 in obstacles. Shape of the gain."""
+    return np.clip((gain_db - target_db) / MARGIN_SCALE_DB, -1.0, 1.0).astype(np.float32)
 
 
-def positions(world: World, goal: Cell) -> NDArray[np.float32]:
-    """Own x and y, and the vector to the goal, each over the room's size, shape ``(X * Y, 4)``."""
-    shape = world.radio_map.grid.shape
-    cells = np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)
-    own = 2.0 * (cells + 0.5) / shape - 1.0
-    return np.concatenate([own, (np.array(goal) - cells) / shape], axis=1).astype(np.float32)
+def own_positions(cells: NDArray[np.int64], shape: tuple[int, int]) -> Rows:
+    """x and y of cells ``(..., 2)``, scaled to a room of that shape, ``(..., 2)``."""
+    return (2.0 * (cells + 0.5) / shape - 1.0).astype(np.float32)
 
 
-def _packed_observer(world: World, goal: Cell) -> Observer:
-    radius = world.task.patch_radius
-    side, settings = 2 * radius + 1, world.irs.shape[-1]
-    padded = np.pad(scaled_margin(world), radius, constant_values=-1.0)
+def vectors_to_goal(offsets: NDArray[np.int64], shape: tuple[int, int]) -> Rows:
+    """Vectors to the goal over the room's size, ``(..., 2)``, of cells that far from it."""
+    return (-offsets / shape).astype(np.float32)
+
+
+def _packed_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArray[np.int64], Rows], Rows]:
+    side, shape = packing.side, packing.shape
+    padded = np.pad(scaled_margin(world.radio_map.gain_db, world.target_db), side // 2, constant_values=-1.0)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))  # (X, Y, side, side), a view
-    irs, position, columns = world.irs.reshape(-1, settings), positions(world, goal), world.irs.shape[1]
-    patch_end, irs_end, width = side**2, side**2 + settings, side**2 + settings + 4
+    cells = np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)
+    own, to_goal = own_positions(cells, shape), vectors_to_goal(cells - np.array(goal), shape)
+    irs, columns, patch_end, irs_end = world.irs, shape[1], packing.patch_end, packing.irs_end
 
-    def rows(cells: NDArray[np.int64], out: Rows) -> Rows:
-        out[:, :patch_end] = windows[cells // columns, cells % columns].reshape(len(cells), patch_end)
-        out[:, patch_end:irs_end] = irs[cells]
-        out[:, irs_end:] = position[cells]
+    def rows(at: NDArray[np.int64], out: Rows) -> Rows:
+        i, j = np.divmod(at, columns)
+        out[:, :patch_end] = windows[i, j].reshape(len(at), patch_end)
+        out[:, patch_end:irs_end] = irs[i, j]
+        out[:, irs_end : irs_end + 2] = own[at]
+        out[:, irs_end + 2 :] = to_goal[at]
         return out
 
-    def unpack(row: Rows) -> dict[str, Rows]:
-        return {
-            "gain_patch": row[..., :patch_end].reshape(*row.shape[:-1], side, side),
-            "irs": row[..., patch_end:irs_end],
-            "position": row[..., irs_end:],
-        }
-
-    as_is: Callable[[Rows], Any] = lambda row: row  # noqa: E731
-    is_flat = world.task.observation == "flat"
-    shapes = {"flat": (width,)} if is_flat else {"gain_patch": (side, side), "irs": (settings,), "position": (4,)}
-    boxes: dict[str, spaces.Space[Any]] = {
-        name: spaces.Box(-1.0, 1.0, shape, dtype=np.float32) for name, shape in shapes.items()
-    }
-    space = boxes["flat"] if is_flat else spaces.Dict(boxes)
-    return _keep(world, goal, space, width, rows, as_is if is_flat else unpack)
+    return rows
 
 
-def _map_observer(world: World, goal: Cell) -> Observer:
+def _map_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArray[np.int64], Rows], Rows]:
     """Image channels (4, X, Y): scaled margin, obstacle, robot, goal; the last three are 0 or 1."""
-    shape = world.radio_map.grid.shape
-    cells = shape[0] * shape[1]
+    shape, cells = packing.shape, prod(packing.shape)
     still = np.zeros((4, *shape), dtype=np.float32)
-    still[0], still[1], still[3][goal] = scaled_margin(world), ~world.radio_map.free, 1.0
+    still[0], still[1] = scaled_margin(world.radio_map.gain_db, world.target_db), ~world.radio_map.free
+    still[3][goal] = 1.0
     still_row = still.ravel()
 
     def rows(at: NDArray[np.int64], out: Rows) -> Rows:
@@ -129,23 +172,4 @@ def _map_observer(world: World, goal: Cell) -> Observer:
         out[np.arange(len(at)), 2 * cells + at] = 1.0
         return out
 
-    def unpack(row: Rows) -> Rows:
-        return row.reshape(*row.shape[:-1], 4, *shape)
-
-    space = spaces.Box(-1.0, 1.0, (4, *shape), dtype=np.float32)
-    return Observer(world, goal, space, 4 * cells, rows, unpack, table=None)
-
-
-def _keep(
-    world: World,
-    goal: Cell,
-    space: spaces.Space[Any],
-    width: int,
-    rows: Callable[[NDArray[np.int64], Rows], Rows],
-    unpack: Callable[[Rows], Any],
-) -> Observer:
-    table, cells = None, world.feasible.size
-    if cells * width * 4 <= _LARGEST_TABLE:
-        table = rows(np.arange(cells), np.empty((cells, width), dtype=np.float32))
-        table.setflags(write=False)
-    return Observer(world, goal, space, width, rows, unpack, table)
+    return rows

@@ -8,34 +8,51 @@ from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, tabulate
 from irs_gym.grid import Cell
+from irs_gym.ground import Outcome, States
 from irs_gym.observation import build_observer
 from irs_gym.task import World
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """A state is a flat cell plus ``X * Y`` times the number of its goal. S states, 8 actions."""
+    """The ground of one world. A state is a flat cell plus ``X * Y`` times the number of its goal. S states, 8 actions.
+
+    What each method gives for states is described in `irs_gym.ground.Ground`.
+    """
 
     world: World
     goals: tuple[Cell, ...]
     next_state: NDArray[np.int64]  # (S * 8,)
     reward: NDArray[np.float64]  # (S * 8,)
-    travel: NDArray[np.complex128]  # (S * 8,): metres moved, plus 1j where refused; two sums in one gather
+    travel: NDArray[np.complex128]  # (S * 8,): metres moved, plus 1j where refused
     cost: NDArray[np.float64] | None  # (S * 8,), None where it is always 0
     is_terminated: NDArray[np.bool_]  # (S * 8,)
     is_at_goal: NDArray[np.bool_]  # (S * 8,)
-    action_mask: NDArray[np.int64]  # (S,), the eight bytes of a mask as one number
-    distance_to_go: NDArray[np.float64]  # (S,)
-    gain_db: NDArray[np.float64]  # (S,)
-    margin_db: NDArray[np.float64]  # (S,)
+    mask: NDArray[np.int64]  # (S,), the eight bytes of an action mask as one number
+    to_go: NDArray[np.float64]  # (S,)
+    gain: NDArray[np.float64]  # (S,)
+    margin: NDArray[np.float64]  # (S,)
     observations: NDArray[np.float32] | None  # (S, D), where it is small enough to keep
 
     def first_state(self, goal: Cell) -> int:
         """State of the cell (0, 0) for a goal."""
         return self.goals.index(goal) * self.world.feasible.size
 
-    def observe(self, states: NDArray[np.int64], out: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Packed observations of the states, written to ``out`` (n, D)."""
+    def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:  # noqa: D102
+        entry = states * ACTIONS + actions
+        terminated = self.is_terminated.take(entry)
+        # where moves are refused, only the goal ends an episode
+        is_refusing = self.cost is None
+        return Outcome(
+            self.next_state.take(entry),
+            self.reward.take(entry),
+            self.travel.take(entry),
+            terminated,
+            None if self.cost is None else self.cost.take(entry),
+            terminated if is_refusing else self.is_at_goal.take(entry),
+        )
+
+    def observe(self, states: States, out: NDArray[np.float32]) -> NDArray[np.float32]:  # noqa: D102
         if self.observations is not None:
             # "clip" is the fast mode of a gather into an array; states come from the tables and are in range
             return self.observations.take(states, axis=0, out=out, mode="clip")
@@ -45,6 +62,21 @@ class Stack:
             rows = np.empty((int(np.count_nonzero(here)), out.shape[1]), dtype=np.float32)
             out[here] = build_observer(self.world, goal).rows(cells[here], rows)
         return out
+
+    def cells(self, states: States) -> States:  # noqa: D102
+        return states % self.world.feasible.size if len(self.goals) > 1 else states
+
+    def distance_to_go(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+        return self.to_go.take(states)
+
+    def gain_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+        return self.gain.take(states)
+
+    def margin_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+        return self.margin.take(states)
+
+    def action_mask(self, states: States) -> NDArray[np.int8]:  # noqa: D102
+        return self.mask.take(states).view(np.int8).reshape(-1, ACTIONS)
 
 
 def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
@@ -61,17 +93,12 @@ def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
         cost=None if world.task.constraint == "refuse" else _join([each.transition["cost"] for each in tables]),
         is_terminated=_join([each.transition["is_terminated"] for each in tables]),
         is_at_goal=_join([each.transition["is_at_goal"] for each in tables]),
-        action_mask=_join([each.action_mask.view(np.int64).ravel() for each in tables]),
-        distance_to_go=_join([each.cell["distance_to_go"] for each in tables]),
-        gain_db=_join([each.cell["gain_db"] for each in tables]),
-        margin_db=_join([each.cell["margin_db"] for each in tables]),
+        mask=_join([each.action_mask.view(np.int64).ravel() for each in tables]),
+        to_go=_join([each.cell["distance_to_go"] for each in tables]),
+        gain=_join([each.cell["gain_db"] for each in tables]),
+        margin=_join([each.cell["margin_db"] for each in tables]),
         observations=None if any(each is None for each in observed) else _join(observed),
     )
-
-
-def unpack_masks(packed: NDArray[np.int64]) -> NDArray[np.int8]:
-    """Action masks, shape ``(n, 8)``."""
-    return packed.view(np.int8).reshape(-1, ACTIONS)
 
 
 def _join(parts: list[Any]) -> Any:

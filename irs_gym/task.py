@@ -1,5 +1,6 @@
 """`Task`: the arguments of an environment, checked, and `World`: all that they fix once and for all."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from math import isfinite
@@ -95,11 +96,16 @@ class Task:
 
 def task_of(arguments: dict[str, Any]) -> Task:
     """Task of an environment's keyword arguments; a ``TypeError`` lists the known names for an unknown one."""
-    known = [each.name for each in fields(Task)]
+    return Task(**checked_fields(Task, arguments))
+
+
+def checked_fields(kind: type[Any], arguments: dict[str, Any]) -> dict[str, Any]:
+    """The arguments, if all are fields of a dataclass; a ``TypeError`` lists them for one that is none."""
+    known = [each.name for each in fields(kind)]
     unknown = sorted(set(arguments) - set(known))
     if unknown:
         raise TypeError(f"unknown argument {', '.join(unknown)}: the arguments are {', '.join(known)} and render_mode")
-    return Task(**arguments)
+    return arguments
 
 
 def resolved(task: Task) -> Task:
@@ -137,6 +143,8 @@ class World:
     goal: Cell
     feasible: NDArray[np.bool_]  # (X, Y)
     irs: NDArray[np.float32] = field(repr=False)  # (X, Y, 3 + N), what the observation tells of the IRS, in [-1, 1]
+    source: tuple[Callable[..., "World"], tuple[Any, ...]] = field(repr=False)  # a call that gives it again
+    to_go: NDArray[np.float64] | None = field(default=None, repr=False)  # (X, Y), metres to its own goal where known
 
     @property
     def target_db(self) -> float:
@@ -144,14 +152,9 @@ class World:
         assert self.task.target_db is not None  # the task is resolved
         return self.task.target_db
 
-    @property
-    def enterable(self) -> NDArray[np.bool_]:
-        """Cells that a move may end in, shape ``(X, Y)``."""
-        return self.radio_map.free if self.task.constraint == "allow" else self.feasible
-
     def __reduce__(self) -> Any:
-        # A copy is the same world: rebuilt from its task in another process, shared in this one.
-        return build_world, (self.task,)
+        # A copy is the same world: rebuilt from its source in another process, shared in this one.
+        return self.source
 
 
 def build_world(task: Task) -> World:
@@ -189,7 +192,8 @@ def _build_world(task: Task) -> World:
     assert task.target_db is not None
     spread = np.broadcast_to(settings.astype(np.float32), (*radio_map.grid.shape, 3))
     irs = np.concatenate([spread, np.clip(shifts / np.float32(np.pi) - 1, -1, 1)], axis=-1)
-    return World(task, scene, radio_map, start, goal, radio_map.feasible(task.target_db), irs)
+    feasible = radio_map.feasible(task.target_db)
+    return World(task, scene, radio_map, start, goal, feasible, irs, source=(build_world, (task,)))
 
 
 def irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:

@@ -15,18 +15,21 @@ class Trail(Sequence[Cell]):
     It is unpacked on first use, since most trails of a training run are never looked at.
     """
 
-    __slots__ = ("_cells", "_columns", "_states")
+    __slots__ = ("_cells", "_shape", "_states")
 
     def __init__(self, states: NDArray[np.integer[Any]], shape: tuple[int, int]) -> None:
-        """Hold flat cells ``(T,)`` of a map of the given shape; repetitions in a row count once."""
-        self._states, self._columns = states, shape[1]
+        """Hold flat cells ``(T,)`` of a map of the given shape, or of one among many that lie one above the other.
+
+        Repetitions in a row count once.
+        """
+        self._states, self._shape = states, shape
         self._cells: list[Cell] | None = None
 
     def _unpacked(self) -> list[Cell]:
         if self._cells is None:
             flat = self._states[np.append(True, self._states[1:] != self._states[:-1])]
-            i, j = np.divmod(flat, self._columns)
-            self._cells = list(zip(i.tolist(), j.tolist(), strict=True))
+            i, j = np.divmod(flat, self._shape[1])
+            self._cells = list(zip((i % self._shape[0]).tolist(), j.tolist(), strict=True))
         return self._cells
 
     @overload
@@ -57,9 +60,9 @@ class Trail(Sequence[Cell]):
 class History:
     """Flat cells of n robots at their latest steps: a ring, so that remembering a step costs one row."""
 
-    def __init__(self, num_robots: int, length: int, shape: tuple[int, int]) -> None:
-        """Remember ``length`` steps of robots on a map of the given shape."""
-        smallest = np.min_scalar_type(shape[0] * shape[1] - 1)  # leaves the caches to the tables
+    def __init__(self, num_robots: int, length: int, shape: tuple[int, int], num_maps: int = 1) -> None:
+        """Remember ``length`` steps of robots on maps of the given shape."""
+        smallest = np.min_scalar_type(num_maps * shape[0] * shape[1] - 1)  # leaves the caches to the tables
         self._rows = np.zeros((length, num_robots), dtype=smallest)
         self._now, self._shape = 0, shape
 

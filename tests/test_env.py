@@ -206,7 +206,7 @@ def test_no_policy_has_a_larger_return_than_the_oracles_path(constraint, shaping
     number = {tuple(cell): n for n, cell in enumerate(free.tolist())}
     to, reward, goes_on = (np.zeros((len(free), 8), dtype=kind) for kind in (int, float, bool))
     for n, cell in enumerate(free.tolist()):
-        if tuple(cell) == env.world.goal or not np.isfinite(env._tables.distance_to_go[tuple(cell)]):
+        if tuple(cell) == env.world.goal or not np.isfinite(env._episode.tables.distance_to_go[tuple(cell)]):
             to[n] = n
             continue
         for action in range(8):
@@ -236,7 +236,7 @@ def test_a_refused_move_costs_the_move_and_leaves_the_robot():
 def below_target(env):
     """A cell from which one move leads below the target, with that move."""
     world = env.unwrapped.world
-    for cell in np.argwhere(world.feasible & np.isfinite(env.unwrapped._tables.distance_to_go)).tolist():
+    for cell in np.argwhere(world.feasible & np.isfinite(env.unwrapped._episode.tables.distance_to_go)).tolist():
         for action, (di, dj) in enumerate(MOVES.tolist()):
             there = (cell[0] + di, cell[1] + dj)
             if world.radio_map.grid.has(there) and world.radio_map.free[there] and not world.feasible[there]:
@@ -396,8 +396,8 @@ def test_a_world_too_large_for_a_table_is_observed_all_the_same(monkeypatch):
     kept = make(observation="flat", target_db=-61.79)
     monkeypatch.setattr(irs_gym.observation, "_LARGEST_TABLE", 0)
     computed = make(observation="flat", target_db=-61.79, irs_phases=True, goal_bonus=10.5)  # another world
-    assert kept.unwrapped._observer.table is not None
-    assert computed.unwrapped._observer.table is None
+    assert kept.unwrapped._episode.observer.table is not None
+    assert computed.unwrapped._episode.observer.table is None
     for seed in range(5):
         for one, other in zip(rollout(kept, seed, 20), rollout(computed, seed, 20), strict=True):
             np.testing.assert_array_equal(one[0], other[0])

@@ -202,6 +202,18 @@ def test_environments_with_goals_of_their_own_equal_single_ones(observation):
     assert reached > 20
 
 
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_a_goal_set_at_the_reset_outlasts_the_episodes_of_others(mode):
+    env = gymnasium.make_vec(ID, num_envs=2, max_episode_steps=4, autoreset_mode=mode)
+    env.reset(options={"goal": (20, 35)})
+    for _ in range(2):
+        env.step(np.array([4, 4]))
+    env.reset(options={"goal": (20, 35), "start": (10, 35), "reset_mask": np.array([False, True])})
+    to_go = [env.step(np.array([4, 4]))[4]["distance_to_go"].tolist() for _ in range(3)]
+    assert [each[1] for each in to_go] == [5.5, 6.0, 6.5]
+    assert to_go[2][0] != to_go[0][0]  # the other has begun anew, towards the scene's goal
+
+
 @pytest.mark.parametrize(
     ("actions", "message"),
     [

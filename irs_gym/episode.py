@@ -1,0 +1,96 @@
+"""`Episode`: one robot on its way over one world, step by step."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
+
+from irs_gym.dynamics import ACTIONS, choose_start, tables_for
+from irs_gym.grid import Cell
+from irs_gym.interface import RENDERERS, checked_action, view_of
+from irs_gym.observation import build_observer
+from irs_gym.oracle import Path, descend
+from irs_gym.task import World
+from irs_gym.trail import Trail
+
+
+class Episode:
+    """What has become of a robot since its reset, over the tables of its world."""
+
+    def __init__(self, world: World, start: Cell, goal: Cell) -> None:
+        """Begin at the start; a ``ValueError`` says why there can be no such episode (see `tables_for`)."""
+        self.world, self.start, self.goal = world, start, goal
+        self.tables = tables_for(world, start, goal)
+        self.observer = build_observer(world, goal)
+        self.is_running = True
+        self._cell = int(np.ravel_multi_index(start, world.radio_map.grid.shape))
+        self._trail = [self._cell]  # flat indices
+        self._distance, self._refused, self._has_violated = 0.0, 0, False
+
+    @property
+    def oracle(self) -> Path:
+        """The shortest feasible path from start to goal."""
+        return descend(self.tables.distance_to_go, self.start, self.world.radio_map.grid.cell_size)
+
+    @property
+    def path(self) -> Trail:
+        """Cells so far, refused moves left out."""
+        return Trail(np.array(self._trail), self.world.feasible.shape)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which actions are not refused in this cell, bool ``(8,)``."""
+        return np.asarray(self.tables.action_mask[self._cell], dtype=bool)
+
+    def opening(self) -> tuple[Any, dict[str, Any]]:
+        """What a reset returns: the first observation and its info."""
+        shortest = float(self.tables.distance_to_go[self.start])
+        return self.observer.observe(self._cell), {**self._info(), "oracle_distance": shortest}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Move once; returns what an environment's step does."""
+        if not self.is_running:
+            raise ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
+        entry = self._cell * ACTIONS + checked_action(action)
+        outcome: Any = self.tables.transition.item(entry)
+        next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = outcome
+        self._trail.append(next_cell)
+        self._cell = next_cell
+        self._distance += moved
+        self._refused += is_refused
+        self._has_violated = self._has_violated or cost > 0
+        self.is_running = not is_terminated
+        info = self._info(is_refused, cost, is_at_goal and not self._has_violated)
+        if is_terminated:
+            info["path"] = self.path
+        return self.observer.observe(next_cell), reward, is_terminated, False, info
+
+    def render(self, mode: str | None) -> Any:
+        """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path; None without a mode."""
+        return None if mode is None else RENDERERS[mode](view_of(self.world, self.start, self.goal), self.path)
+
+    def _info(self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False) -> dict[str, Any]:
+        distance_to_go, gain_db, margin_db = self.tables.cell.item(self._cell)
+        return {
+            "distance": self._distance,
+            "refused": self._refused,
+            "distance_to_go": distance_to_go,
+            "gain_db": gain_db,
+            "margin_db": margin_db,
+            "action_mask": self.tables.action_mask[self._cell].copy(),
+            "is_refused": is_refused,
+            "cost": cost,
+            "is_success": is_success,
+            "spl": self._spl() if is_success else 0.0,
+        }
+
+    def _spl(self) -> float:
+        """Success weighted by path length (Anderson et al., 2018) of a success; start and goal always differ."""
+        shortest = float(self.tables.distance_to_go[self.start])
+        return shortest / max(shortest, self._distance)
+
+
+def begin(world: World, ends: dict[str, Cell], rng: np.random.Generator) -> Episode:
+    """Episode between the ends given as ``start`` and ``goal``; the world's own goal, and a start as its task says."""
+    goal = ends.get("goal", world.goal)
+    return Episode(world, ends.get("start") or choose_start(world, goal, rng), goal)

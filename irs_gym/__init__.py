@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 from gymnasium.envs.registration import register, registry
 
 if TYPE_CHECKING:
+    from irs_gym.generator import Difficulty as Difficulty
+    from irs_gym.generator import generate_scene as generate_scene
     from irs_gym.grid import Grid as Grid
     from irs_gym.oracle import Path as Path
     from irs_gym.oracle import distance_to_go as distance_to_go
@@ -25,6 +27,8 @@ __version__ = "0.1.0"
 
 # Names are looked up in their modules on first use, so that `import irs_gym` costs little more than gymnasium.
 _HOMES = {
+    "Difficulty": "generator",
+    "generate_scene": "generator",
     "Grid": "grid",
     "Path": "oracle",
     "distance_to_go": "oracle",

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, dijkstra, minimum_spanning_tree
+from scipy.sparse.csgraph import breadth_first_order, connected_components, dijkstra, minimum_spanning_tree
 
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves
 
@@ -131,6 +131,14 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
             return -np.inf
         widest = max(widest, rank[cell])
     return -float(levels[widest])
+
+
+def largest_component(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The largest set of free cells that are all connected, shape ``(X, Y)``; the first of several as large."""
+    _, labels = connected_components(_graph(free), directed=False)
+    sizes = np.bincount(labels, weights=free.ravel())
+    largest: NDArray[np.bool_] = labels == np.argmax(sizes)
+    return free & largest.reshape(free.shape)
 
 
 def infeasible(gain_db: NDArray[np.float64], start: Cell, goal: Cell, target_db: float) -> str:

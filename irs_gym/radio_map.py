@@ -19,7 +19,7 @@ from irs_gym.units import Floats, linear_to_db
 
 _BLOCK = 2**20  # complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
 # What reading a file that is no map, or a damaged one, may raise.
-_DAMAGE = (ValueError, KeyError, EOFError, TypeError, OSError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+DAMAGE = (ValueError, KeyError, EOFError, TypeError, OSError, NotImplementedError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ class RadioMap:
                     raise ValueError("it is not a whole npz archive")
                 stream.seek(0)
                 return cls._read(stream)
-            except _DAMAGE as error:
+            except DAMAGE as error:
                 raise ValueError(f"{str(path)!r} is not a radio map: {error}") from None
 
     @classmethod

@@ -122,14 +122,18 @@ def resolved(task: Task) -> Task:
     """
     if task.radio_map is not None:
         radio_map = task.radio_map if isinstance(task.radio_map, RadioMap) else RadioMap.load(task.radio_map)
-        return replace(task, radio_map=radio_map, target_db=TARGET_DB if task.target_db is None else task.target_db)
+        return replace(task, radio_map=radio_map, target_db=_first(task.target_db, TARGET_DB))
     scene = as_scene(task.scene)
     return replace(
         task,
         scene=scene,
-        target_db=scene.target_db if task.target_db is None else task.target_db,
+        target_db=_first(task.target_db, scene.target_db),
         phase_bits=scene.phase_bits if task.phase_bits is None else task.phase_bits,
     )
+
+
+def _first(given: float | None, other: float) -> float:
+    return float(other if given is None else given)
 
 
 @dataclass(frozen=True, eq=False)

@@ -114,7 +114,7 @@ def test_damaged_records_are_refused_by_name(run, name):
 
 def test_records_of_another_format_or_with_bad_settings_are_refused(run):
     for name, old, new in (
-        ("config.json", '"target_db": -61.8', '"target_db": "low"'),
+        ("config.json", '"target_db": null', '"target_db": "low"'),
         ("manifest.json", '"format_version": 1', '"format_version": 2'),
     ):
         path = run.folder / name

@@ -166,7 +166,7 @@ def test_best_run_of_each_problem_is_kept(monkeypatch, capsys, tmp_path):
     save_run(tmp_path / "more/0", "ppo", 0, other, east=True, net_arch=[8])
     assert call(monkeypatch, "pretrain", tmp_path / "more", "--out", tmp_path / "models") == 0
     assert call(monkeypatch, "pretrain", tmp_path / "more", "--out", tmp_path / "models") == 0
-    assert [each.task.target_db for each in Models.read(tmp_path / "models").models] == [-63.0, -61.8]
+    assert [each.problem.target_db for each in Models.read(tmp_path / "models").models] == [-63.0, -61.8]
 
 
 def test_nothing_is_kept_of_runs_that_failed(monkeypatch, capsys, tmp_path):

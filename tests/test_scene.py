@@ -293,7 +293,7 @@ def numbers(part, way=()):
 
 def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(tmp_path):
     places = list(numbers(json.loads(PAPER.model_dump_json())))
-    assert len(places) == 55
+    assert len(places) == 57
     for place in places:
         field = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place).lstrip(".")
         for value in (math.nan, math.inf, -math.inf):
@@ -328,3 +328,31 @@ def test_a_cell_size_that_does_not_divide_the_room_is_refused():
     assert PAPER.grid(0.4).shape == (50, 50)
     with pytest.raises(ValueError, match=r"cell_size=0\.3 does not divide the room's 20 m along x"):
         PAPER.grid(0.3)
+
+
+# --- the task that a scene holds ------------------------------------------------------------------------------------
+
+
+def test_a_file_that_says_no_target_and_no_resolution_has_the_papers(tmp_path):
+    def change(data):
+        del data["target_db"], data["phase_bits"]
+
+    scene = load_scene(written(tmp_path, change))
+    assert (scene.target_db, scene.phase_bits, scene.format_version) == (-61.8, None, 1)
+    assert scene == PAPER
+
+
+def test_a_file_may_say_its_target_and_its_resolution(tmp_path):
+    def change(data):
+        data["target_db"], data["phase_bits"] = -63.5, 2
+
+    scene = load_scene(written(tmp_path, change))
+    assert (scene.target_db, scene.phase_bits) == (-63.5, 2)
+    scene.save(tmp_path / "again.json")
+    assert load_scene(tmp_path / "again.json") == scene
+
+
+@pytest.mark.parametrize("bits", [0, 17, 1.5, "1", True])
+def test_a_resolution_that_no_phase_shifter_has_is_refused(tmp_path, bits):
+    with pytest.raises(ValueError, match="phase_bits: Input should be"):
+        load_scene(written(tmp_path, put("phase_bits", bits)))

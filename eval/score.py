@@ -20,6 +20,8 @@ from agents.heuristics import REFERENCES
 from agents.policy import Policy
 from agents.rollout import Episode, evaluation_env, roll_out
 from eval.overlay import draw_paths
+from eval.unseen import pools_of, score_unseen, unseen_table, write_unseen
+from irs_gym.pool import Pool
 
 RANDOM = ("masked_random", "random")  # judged by many episodes; from a fixed start the others always do the same
 
@@ -87,10 +89,15 @@ def main(
     model: Literal["best", "last"] = "best",
     episodes: int = 100,
     seed: int = 0,
+    env: Literal["IrsNav-v0", "IrsNavRandom-v0"] | None = None,
+    split: tuple[Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size"], ...] = ("test",),
+    num_scenes: int = 1000,
+    scenes: Path | None = None,
 ) -> int:
-    """Score runs against the oracle, from the fixed start, and draw their paths over the map.
+    """Score runs against the oracle.
 
-    Writes scores.json and paths.png into each run folder.
+    Agents of one task play it from its fixed start: scores.json and paths.png are written into each run folder.
+    Agents that learned on many scenes play scenes that they have never seen, and the paper's: unseen.json is written.
 
     Parameters
     ----------
@@ -102,13 +109,27 @@ def main(
         Episodes of each random policy.
     seed
         Seed of the random policies.
+    env
+        What is played; by default that which the run learned in.
+    split
+        Sets of unseen scenes.
+    num_scenes
+        Scenes of each set, from the first on.
+    scenes
+        Folder of scene files to play in place of those sets; each says its own target.
     """
-    if not runs or episodes < 1:
-        print("python -m eval score: name one run folder or more, and 1 episode or more", file=sys.stderr)
+    if not runs or episodes < 1 or not split:
+        print("python -m eval score: name one run folder or more, 1 episode or more, and a split", file=sys.stderr)
         return 2
     try:
-        for folder in runs:
-            score_run(Run.open(folder), model, episodes, seed)
+        opened = [Run.open(folder) for folder in runs]
+        is_unseen = [each.is_generalist if env is None and scenes is None else env != "IrsNav-v0" for each in opened]
+        pools = pools_of(split, num_scenes, scenes) if any(is_unseen) else {}
+        for run, unseen in zip(opened, is_unseen, strict=True):
+            if unseen:
+                score_generalist(run, model, pools)
+            else:
+                score_run(run, model, episodes, seed)
     except (OSError, ValueError) as error:
         print(f"python -m eval score: {error}", file=sys.stderr)
         return 2
@@ -148,6 +169,23 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
     Console().print(table(scores))
     print(f"written: {run.folder / 'scores.json'} and paths.png beside it")
     return scores
+
+
+def score_generalist(run: Run, model: str, pools: dict[str, Pool]) -> None:
+    """Score one run on sets of unseen scenes: prints the table and writes ``unseen.json``.
+
+    Raises
+    ------
+    OSError
+        Where a file of the run cannot be read, or the results cannot be written.
+    ValueError
+        Where the run is damaged, or its policy acts in its own scene alone.
+    """
+    found = score_unseen(run, model, pools)
+    path = write_unseen(run, model, found)
+    print(f"{run.folder}: {model} model, after {run.manifest.models[model].steps:,} steps")
+    Console().print(unseen_table(found))
+    print(f"written: {path}")
 
 
 def table(scores: Sequence[Score]) -> Table:

@@ -1,0 +1,144 @@
+"""`score_unseen`: how a generalist does on scenes that it did not learn on, with the hard ones apart."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from agents import provenance
+from agents.checkpoint import Run, RunError, write_file
+from agents.map_network import plan_pool
+from agents.pool_rollout import Episodes, follow
+from irs_gym.grid import octile_distance
+from irs_gym.pool import Pool, build_pool, pool_of
+from irs_gym.scene import Scene, load_scene
+
+HARD = 1.2  # a detour (oracle's distance over octile distance) above which a scene is hard
+PAPER_TARGETS_DB = (-63.0, -62.0, -61.8, -61.0, -60.0)
+
+
+@dataclass(frozen=True)
+class UnseenScore:
+    """What a policy achieved on a set of scenes, one greedy episode each.
+
+    Attributes
+    ----------
+    scenes
+        Their number; 0 leaves all else None.
+    success
+        Share of them in which the goal was reached.
+    spl
+        Mean of success weighted by path length.
+    ratio
+        Mean distance over the oracle's in the successes; None without any.
+    exact
+        Share of the scenes whose path is as short as the oracle's.
+    """
+
+    scenes: int
+    success: float | None
+    spl: float | None
+    ratio: float | None
+    exact: float | None
+
+
+def score_of(episodes: Episodes, chosen: NDArray[np.bool_] | None = None) -> UnseenScore:
+    """Score over the episodes, or over those chosen, ``(S,)``."""
+    chosen = np.ones(len(episodes.spl), dtype=bool) if chosen is None else chosen
+    if not chosen.any():
+        return UnseenScore(0, None, None, None, None)
+    success, ratio = episodes.is_success[chosen], (episodes.distance / episodes.oracle_distance)[chosen]
+    return UnseenScore(
+        scenes=int(chosen.sum()),
+        success=float(success.mean()),
+        spl=float(episodes.spl[chosen].mean()),
+        ratio=float(ratio[success].mean()) if success.any() else None,
+        exact=float((success & (ratio <= 1.0 + 1e-9)).mean()),
+    )
+
+
+def detours(pool: Pool) -> NDArray[np.float64]:
+    """The oracle's distance over the octile distance of each scene, ``(S,)``."""
+    return pool.oracle_distance / (octile_distance(pool.goal - pool.start) * pool.cell_size)
+
+
+def paper_pool() -> Pool:
+    """The paper's scene at each of `PAPER_TARGETS_DB`, which no agent learns on."""
+    paper = load_scene("paper")
+    scenes = [paper.model_copy(update={"target_db": target}) for target in PAPER_TARGETS_DB]
+    return pool_of(scenes, [f"paper at {target:g} dB" for target in PAPER_TARGETS_DB])
+
+
+def read_scenes(folder: Path) -> Pool:
+    """The scene files of a folder, each a scene named by its file.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such folder, or no scene file in it.
+    ValueError
+        Where a file is not a valid scene, or its target is infeasible.
+    """
+    files = sorted(folder.glob("*.json"))
+    if not files:
+        raise FileNotFoundError(f"scenes={str(folder)!r} is not a folder with scene files (*.json)")
+    scenes: list[Scene] = [load_scene(file) for file in files]
+    return pool_of(scenes, [file.stem for file in files])
+
+
+def score_unseen(run: Run, model: str, pools: dict[str, Pool]) -> dict[str, tuple[Episodes, UnseenScore, UnseenScore]]:
+    """Episodes of a run's policy on each pool, and its scores on all scenes and on the hard ones.
+
+    Raises
+    ------
+    RunError
+        Where the run's policy does not act on whole maps.
+    """
+    if not run.is_generalist:
+        raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone")
+    network, found = run.load_model(model).network, {}
+    for name, pool in pools.items():
+        steps = max(400, 5 * sum(pool.shape))  # the environment's limit, and more on maps larger than 40 x 40
+        episodes = follow(plan_pool(network, pool), pool, steps)
+        found[name] = (episodes, score_of(episodes), score_of(episodes, detours(pool) > HARD))
+    return found
+
+
+def write_unseen(run: Run, model: str, found: dict[str, tuple[Episodes, UnseenScore, UnseenScore]]) -> Path:
+    """Write the scores into the run folder; returns the file."""
+    record: dict[str, Any] = {
+        "format_version": 1,
+        "model": {"name": model, **run.manifest.models[model].model_dump()},
+        "config": run.config.model_dump(),
+        "scores": {name: {"all": asdict(whole), "hard": asdict(hard)} for name, (_, whole, hard) in found.items()},
+        "versions": provenance.versions(),
+        "commit": provenance.commit(),
+    }
+    path = run.folder / "unseen.json"
+    write_file(path, (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
+    return path
+
+
+def pools_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -> dict[str, Pool]:
+    """What is scored on: the first scenes of each split and the paper's, or else the scene files of a folder."""
+    if scenes is not None:
+        return {str(scenes): read_scenes(scenes)}
+    return {**{split: build_pool(split, num_scenes) for split in splits}, "paper": paper_pool()}
+
+
+def unseen_table(found: dict[str, tuple[Episodes, UnseenScore, UnseenScore]]) -> Table:
+    """The scores as a table for the terminal."""
+    rows = Table(caption=f"hard: a detour above {HARD:g}; ratio: over successes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in ("scenes", "number", "success", "SPL", "ratio", "exact"):
+        rows.add_column(column, justify="left" if column == "scenes" else "right", no_wrap=True)
+    for name, (_, whole, hard) in found.items():
+        for label, each in ((name, whole), ("  hard", hard)):
+            numbers = (each.success, each.spl, each.ratio, each.exact)
+            rows.add_row(label, str(each.scenes), *("–" if value is None else f"{value:.4f}" for value in numbers))
+    return rows

@@ -156,7 +156,7 @@ class PlannerConfig(ImitationConfig):
     network: ClassVar[NetworkName] = "planner"
     network_settings: ClassVar[tuple[str, ...]] = ("encoding", "width")
 
-    total_scenes: int = 24_000
+    total_scenes: int = 9_600
     encoding: Encoding = "mask"
     """What the costs are learned from: the ready "mask" of feasible cells, or the "margin" in dB over the target."""
     width: int = 16
@@ -174,7 +174,7 @@ class UNetConfig(ImitationConfig):
     total_scenes: int = 24_000
     learning_rate: float = 2e-3
     to_go_coef: float = 0.5
-    width: int = 24
+    width: int = 16
     """Channels on the map's own grid."""
     passes: int = 6
     """Times that the network's core is passed."""
@@ -206,7 +206,7 @@ class PlannerPpoConfig(ScenePpoConfig):
     network: ClassVar[NetworkName] = "planner"
     network_settings: ClassVar[tuple[str, ...]] = ("encoding", "width")
 
-    total_timesteps: int = 4_000_000
+    total_timesteps: int = 1_000_000
     encoding: Encoding = "mask"
     """What the costs are learned from: the ready "mask" of feasible cells, or the "margin" in dB over the target."""
     width: int = 16
@@ -225,7 +225,7 @@ class UNetPpoConfig(ScenePpoConfig):
     learning_rate: float = 3e-4
     final_learning_rate: float = 3e-5
     ent_coef: float = 0.005
-    width: int = 24
+    width: int = 16
     """Channels on the map's own grid."""
     passes: int = 6
     """Times that the network's core is passed."""

@@ -3,7 +3,6 @@
 The dynamic programme is built in: only what the moves cost is learned.
 """
 
-from itertools import count
 from typing import Any, get_args
 
 import torch
@@ -92,13 +91,13 @@ class _CostToGo(torch.autograd.Function):
         by_move = costs.transpose(0, 1).contiguous()
         padded = pad(torch.where(is_goal, 0.0, UNREACHED).to(costs), (1, 1, 1, 1), value=UNREACHED)
         to_go, neighbours = padded[:, 1:-1, 1:-1], _neighbours(padded)
-        for done in count(1):
+        most = is_goal[0].numel() if rounds is None else rounds  # a best path visits no cell twice
+        for done in range(1, most + 1):
             before = to_go.clone() if done % _ROUNDS_PER_CHECK == 0 else None
-            for cost, neighbour in zip(
-                by_move, neighbours, strict=True
-            ):  # in place: goes as far as a round, or farther
+            # In place, so that it goes as far as a round on a copy would, or farther.
+            for cost, neighbour in zip(by_move, neighbours, strict=True):
                 torch.minimum(to_go, cost + neighbour, out=to_go)
-            if done == rounds or (before is not None and torch.equal(before, to_go)):
+            if before is not None and torch.equal(before, to_go):
                 break
         best = torch.stack([cost + each for cost, each in zip(by_move, neighbours, strict=True)]).argmin(dim=0)
         ctx.save_for_backward(best, is_goal | (to_go >= UNREACHED))

@@ -39,7 +39,10 @@ class Rules(NamedTuple):
 
 
 class ScenePpo:
-    """PPO whose critic is an affine function of the network's own estimate of the way to go."""
+    """PPO whose critic is an affine function of the network's own estimate of the way to go.
+
+    Of the oracle it uses nothing but whether the goal can be reached, for the random starts, as the environment does.
+    """
 
     def __init__(self, config: ScenePpoConfig, network: nn.Module, rng: np.random.Generator) -> None:
         self.config, self.network, self._rng = config, network, rng

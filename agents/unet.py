@@ -25,7 +25,7 @@ class UNet(nn.Module):
         Times that the core is passed, for maps of 40 x 40 cells; larger maps get more in proportion.
     """
 
-    def __init__(self, width: int = 24, passes: int = 6) -> None:
+    def __init__(self, width: int = 16, passes: int = 6) -> None:
         super().__init__()
         self.passes, wide = passes, 2 * width
         self.stem = nn.Sequential(_block(4, width), _block(width, width))

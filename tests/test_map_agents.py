@@ -334,15 +334,15 @@ def test_imitation_sees_each_scene_once_before_any_a_second_time(monkeypatch):
 
 
 def test_planner_learns_the_way_on_maps_of_another_size_by_imitation():
-    learner = learn(PlannerConfig(total_scenes=3200), tiny_pool(64, (10, 10)))
+    learner = learn(PlannerConfig(total_scenes=1600), tiny_pool(64, (10, 10)))
     episodes = learner.play(tiny_pool(50, (14, 17), seed=9))
-    assert episodes.is_success.mean() > 0.97
-    assert episodes.spl.mean() > 0.95
+    assert episodes.is_success.mean() > 0.9
+    assert episodes.spl.mean() > 0.9
 
 
 def test_planner_learns_the_way_by_ppo_alone():
     pool = tiny_pool(64, (10, 10))
-    config = PlannerPpoConfig(total_timesteps=80_000, scenes=8, robots=16)
+    config = PlannerPpoConfig(total_timesteps=60_000, scenes=8, robots=16)
     before, after = config.build(pool, 0).play(pool), learn(config, pool).play(pool)
     assert after.spl.mean() > before.spl.mean() + 0.1
 

@@ -38,11 +38,11 @@ def pools(monkeypatch):
     """Small pools in place of the generated ones; returns what was asked for."""
     asked = []
 
-    def build(split, num_scenes):
+    def build(split, num_scenes, **_):
         asked.append((split, num_scenes))
         return tiny_pool(6, (8, 8), seed=len(split))
 
-    monkeypatch.setattr(pool, "build_pool", build, raising=False)
+    monkeypatch.setattr(pool, "build_pool", build)
     return asked
 
 
@@ -121,7 +121,8 @@ def test_ctrl_c_ends_in_good_order_and_the_run_goes_on(tmp_path, monkeypatch):
     ("words", "message"),
     [
         ("planner --env.num-scenes 0", "num_scenes=0"),
-        ("planner --env.split nowhere", "nowhere"),
+        ("planner --env.split nowhere", "split='nowhere' must be one of"),
+        ("planner --env.test-scenes 1001", "test_scenes=1001: there are 1000 in 'val'"),
         ("planner --agent.encoding all", "all"),
         ("planner --agent.batch-scenes 0", "batch_scenes=0"),
         ("planner_ppo --agent.gamma 2", "gamma=2.0"),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
 import tyro
 from pydantic import TypeAdapter
@@ -29,9 +29,8 @@ from agents.rollout import arguments_of
 from agents.settings import AgentConfig, check_settings
 from irs_gym.radio_map import RadioMap
 from irs_gym.scene import Scene
+from irs_gym.splits import split_of
 from irs_gym.task import Task, resolved
-
-Split = Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,20 +89,21 @@ class TrainConfig(RunConfig):
 class Scenes:
     """What a generalist is trained and tested on."""
 
-    split: Split = "train"
-    """Scenes to learn on."""
+    split: str = "train"
+    """Scenes to learn on, see `irs_gym.splits.SPLITS`."""
     num_scenes: int = 3000
     """How many."""
-    test_split: Split = "val"
+    test_split: str = "val"
     """Scenes to test it on."""
     test_scenes: int = 200
     """How many."""
 
     def __post_init__(self) -> None:
         check_settings(self, "whole", "num_scenes", "test_scenes")
-        for name in ("split", "test_split"):
-            if getattr(self, name) not in get_args(Split):
-                raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(Split)}")
+        for split, number in (("split", "num_scenes"), ("test_split", "test_scenes")):
+            size = split_of(getattr(self, split)).size
+            if getattr(self, number) > size:
+                raise ValueError(f"{number}={getattr(self, number)}: there are {size} in {getattr(self, split)!r}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,10 +134,10 @@ DEFAULTS: dict[Algorithm, TrainConfig] = {
 GENERALIST_DEFAULTS: dict[Generalist, GeneralistConfig] = {
     agent.algorithm: GeneralistConfig(agent=agent, eval_every=test, checkpoint_every=test)
     for agent, test in (
-        (PlannerConfig(), 2_400),
+        (PlannerConfig(), 1_200),
         (UNetConfig(), 6_000),
         (VinConfig(), 6_000),
-        (PlannerPpoConfig(), 200_000),
+        (PlannerPpoConfig(), 50_000),
         (UNetPpoConfig(), 100_000),
     )
 }

@@ -81,7 +81,7 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 
 def _evaluation(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     if isinstance(config, GeneralistConfig):
-        return Generalisation(run, pool.build_pool(config.env.test_split, config.env.test_scenes), config.eval_every)
+        return Generalisation(run, _pool(config, config.env.test_split, config.env.test_scenes), config.eval_every)
     hold = config.hold if config.stop_at_optimum else None
     return Evaluation(run, evaluation_env(config.env), config.eval_every, hold)
 
@@ -89,8 +89,12 @@ def _evaluation(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 def _material(config: TrainConfig | GeneralistConfig) -> Any:
     """What is trained on: an environment, or a pool of scenes."""
     if isinstance(config, GeneralistConfig):
-        return pool.build_pool(config.env.split, config.env.num_scenes)
+        return _pool(config, config.env.split, config.env.num_scenes)
     return IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env))
+
+
+def _pool(config: GeneralistConfig, split: str, scenes: int) -> pool.Pool:
+    return pool.build_pool(split, scenes, progress=None if config.progress else False)
 
 
 def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:

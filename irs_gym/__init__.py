@@ -57,12 +57,20 @@ def __dir__() -> list[str]:
     return sorted([*globals(), *_HOMES])
 
 
-for _id, _arguments in {"IrsNav-v0": {}, "IrsNavFlat-v0": {"observation": "flat"}}.items():
+_IRS_NAV = ("irs_gym.env:IrsNavEnv", "irs_gym.vector_env:IrsNavVectorEnv")
+_IRS_NAV_RANDOM = ("irs_gym.random_env:IrsNavRandomEnv", "irs_gym.random_vector_env:IrsNavRandomVectorEnv")
+
+for _id, (_entry_point, _vector_entry_point), _arguments in (
+    ("IrsNav-v0", _IRS_NAV, {}),
+    ("IrsNavFlat-v0", _IRS_NAV, {"observation": "flat"}),
+    ("IrsNavRandom-v0", _IRS_NAV_RANDOM, {}),
+    ("IrsNavRandomFlat-v0", _IRS_NAV_RANDOM, {"observation": "flat"}),
+):
     if _id not in registry:
         register(
             id=_id,
-            entry_point="irs_gym.env:IrsNavEnv",
-            vector_entry_point="irs_gym.vector_env:IrsNavVectorEnv",
+            entry_point=_entry_point,
+            vector_entry_point=_vector_entry_point,
             max_episode_steps=400,
             order_enforce=False,  # the environment itself refuses steps before a reset and after the end
             disable_env_checker=True,  # and the tests run Gymnasium's checker

@@ -26,6 +26,11 @@ class Step(NamedTuple):
     told: Told  # how each key is computed
 
 
+def everywhere(step: Step) -> NDArray[np.bool_]:
+    """Which environments have a key that all have."""
+    return step.everywhere.copy()
+
+
 def _spl(step: Step) -> NDArray[np.float64]:
     shortest, travelled = step.oracle_distance, step.travelled.real
     return np.divide(shortest, np.maximum(shortest, travelled), out=np.zeros(len(shortest)), where=step.is_success)
@@ -43,7 +48,7 @@ TOLD: dict[str, Callable[[Step], NDArray[Any]]] = {
     "is_success": lambda step: step.is_success.copy(),
     "spl": _spl,
 }
-TOLD |= {f"_{key}": lambda step: step.everywhere.copy() for key in tuple(TOLD)}
+TOLD |= {f"_{key}": everywhere for key in tuple(TOLD)}
 
 
 class Infos(dict[str, Any]):

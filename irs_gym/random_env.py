@@ -1,0 +1,125 @@
+"""`IrsNavRandomEnv`: the single environment over many scenes, a thin shell over its episodes."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from irs_gym.dynamics import ACTIONS
+from irs_gym.episode import Episode, begin
+from irs_gym.interface import METADATA, checked_options, checked_render_mode
+from irs_gym.oracle import Path
+from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.task import World
+from irs_gym.trail import Trail
+
+
+class IrsNavRandomEnv(gymnasium.Env[Any, int]):
+    """A robot crosses factories that it has never seen while it stays connected to its access point.
+
+    ## Description
+    The task of `IrsNavEnv`, with another scene at each reset, drawn evenly among those of a split: other obstacles,
+    access point and intelligent reflecting surface (IRS), another target, start and goal. Every scene has a feasible
+    path, and its exact optimum is known (`oracle`).
+
+    ## Action Space
+    ``Discrete(8)``: moves to a neighbouring cell, counter-clockwise from +x: E, NE, N, NW, W, SW, S, SE. Diagonal
+    moves may cut corners.
+
+    ## Observation Space
+    That of `IrsNavEnv` without phase shifts: float32 in [-1, 1]. All maps are padded with blocked cells to one frame,
+    (X, Y) cells, and positions are scaled to it. ``observation="dict"``:
+
+    - ``position`` (4,): own x and y, and the vector to the goal, over the frame's size;
+    - ``gain_patch`` (2r+1, 2r+1): margin over the scene's target around the robot in units of 5 dB, clipped; first
+      axis along x, second along y; -1 in obstacles and outside;
+    - ``irs`` (3,): presence, resolution and number of elements of the scene's IRS.
+
+    ``observation="flat"`` is the same packed as one Box, in the order of `gymnasium.spaces.flatten`.
+    ``observation="map"`` is an image (4, X, Y), channels first: margin, obstacle, robot, goal.
+
+    ## Rewards
+    As in `IrsNavEnv`: minus the metres of the move, plus the decrease of the octile distance to the goal, plus
+    ``goal_bonus`` at the goal. Under ``"terminate"`` the bonus must be above the detour of every scene.
+
+    ## Starting State
+    The start of the scene drawn, or with probability ``random_start`` a cell drawn among those from which its goal can
+    be reached. ``reset(options={"scene_id": name_or_number})`` chooses the scene, ``"start"`` and ``"goal"``, cells
+    (i, j), either end, for one episode. ``info["scene_id"]`` is the scene's name.
+
+    ## Episode End
+    Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell below the target.
+    Truncated after 400 steps in every split, which is several times an optimal path on the largest maps;
+    ``gymnasium.make(..., max_episode_steps=n)`` changes that. Refused moves are as in `IrsNavEnv`.
+
+    ## Arguments
+    The fields of `irs_gym.random_task.RandomTask`, and ``render_mode`` (``"rgb_array"`` or ``"ansi"``).
+
+    ## Vectorized environment
+    ``gymnasium.make_vec("irs_gym:IrsNavRandom-v0", num_envs=n, ...)``.
+
+    ## Version History
+    - v0: first version.
+    """
+
+    metadata: dict[str, Any] = METADATA
+
+    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+        self.render_mode = checked_render_mode(render_mode)
+        self.worlds: Worlds = build_worlds(random_task_of(arguments))
+        first = self.worlds.world(0)
+        self._episode = Episode(first, first.start, first.goal)
+        self._episode.is_running = False
+        self.observation_space = self._episode.observer.packing.space
+        self.action_space: spaces.Discrete = spaces.Discrete(ACTIONS)  # type: ignore[assignment]
+
+    @property
+    def task(self) -> RandomTask:
+        """The arguments."""
+        return self.worlds.task
+
+    @property
+    def world(self) -> World:
+        """World of this episode's scene; of the first scene before any."""
+        return self._episode.world
+
+    @property
+    def radio_map(self) -> Any:
+        """The `RadioMap` of this episode's scene, padded to the frame."""
+        return self.world.radio_map
+
+    @property
+    def oracle(self) -> Path:
+        """The shortest feasible path of this episode: ``distance`` in metres, ``cells`` of shape ``(D, 2)``."""
+        return self._episode.oracle
+
+    @property
+    def path(self) -> Trail:
+        """Cells of this episode so far, refused moves left out; see `IrsNavEnv.path`."""
+        return self._episode.path
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which actions are not refused in this cell, bool ``(8,)``; see `IrsNavEnv.action_masks`."""
+        return self._episode.action_masks()
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start an episode in another scene; ``options`` may hold ``scene_id``, ``start`` and ``goal``."""
+        super().reset(seed=seed)
+        given = checked_options(options, "scene_id")
+        number = self.worlds.choose(given.pop("scene_id", None), self.np_random)
+        self._episode = begin(self.worlds.world(number), given, self.np_random)
+        self._scene_id = self.worlds.pool.names[number]
+        observation, info = self._episode.opening()
+        return observation, {**info, "scene_id": self._scene_id}
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Move once; see the class for what the move does."""
+        outcome = self._episode.step(action)
+        outcome[-1]["scene_id"] = self._scene_id
+        return outcome
+
+    def render(self) -> Any:
+        """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""
+        return self._episode.render(self.render_mode)

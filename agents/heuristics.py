@@ -1,6 +1,6 @@
-"""Reference policies: random, greedy and oracle, without memory, acting on the cell that an observation tells."""
+"""Reference policies: random, greedy and oracle, which act on the cell that an observation tells, and replanning."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,14 +8,18 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.policy import Policy
+from agents.replanning import Replanner
+from agents.sight import ahead, decode
 from irs_gym.dynamics import action_mask, tabulate
-from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves, octile_distance
+from irs_gym.grid import MOVE_LENGTHS, Cell, legal_moves, octile_distance
 from irs_gym.task import World
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Rule = Callable[[World, Cell], Bools]  # a world and a goal to the actions to draw among, (X, Y, 8)
+_KEPT = 256  # worlds and goals whose choices a policy remembers
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +30,10 @@ class CellPolicy:
     Where the rule leaves one action, it is deterministic; where it leaves none, the action is 0.
     """
 
-    world: World
+    world_of: Callable[[int], World]  # of the n-th observation of a batch; asked at each call, as resets may change it
     rule: Rule
     rng: np.random.Generator
-    _choices: dict[int, Bools] = field(default_factory=dict, repr=False)
+    _choices: dict[tuple[World, int], Bools] = field(default_factory=dict, repr=False)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
@@ -38,40 +42,20 @@ class CellPolicy:
 
         A draw among several actions has no likeliest one, and is made even where ``deterministic`` is asked for.
         """
-        robots, goals = decode(observation, self.world.radio_map.grid.shape)
+        robots, goals = decode(observation, self.world_of(0).radio_map.grid.shape)
         pairs = zip(robots.ravel().tolist(), goals.ravel().tolist(), strict=True)
-        choices = np.stack([self._choices_for(goal)[robot] for robot, goal in pairs])
+        choices = np.stack([self._choices_for(self.world_of(n), goal)[robot] for n, (robot, goal) in enumerate(pairs)])
         weight = choices * (1.0 - self.rng.random(choices.shape))  # draws in (0, 1]: each choice has some weight
         return weight.argmax(axis=-1).reshape(robots.shape), state
 
-    def _choices_for(self, goal: int) -> Bools:
+    def _choices_for(self, world: World, goal: int) -> Bools:
         """Choices in each flat cell for a flat goal, shape ``(X * Y, 8)``."""
-        if goal not in self._choices:
-            i, j = divmod(goal, self.world.radio_map.grid.shape[1])
-            self._choices[goal] = self.rule(self.world, (i, j)).reshape(-1, 8)
-        return self._choices[goal]
-
-
-def decode(observation: Any, shape: tuple[int, int]) -> tuple[Ints, Ints]:
-    """Flat cells of the robot and of the goal that observations tell, one array each with the shape of the batch.
-
-    Parameters
-    ----------
-    observation
-        One observation or a batch, as a dict, flat, or a map.
-    shape
-        Of the grid, ``(X, Y)``.
-    """
-    if not isinstance(observation, Mapping) and observation.shape[-3:] == (4, *shape):
-        ends = observation[..., 2:, :, :]
-        flat = ends.reshape(*ends.shape[:-2], -1).argmax(axis=-1)
-        return flat[..., 0], flat[..., 1]
-    position = observation["position"] if isinstance(observation, Mapping) else observation[..., -4:]
-    position = np.asarray(position, dtype=np.float64)
-    robot = np.rint((position[..., :2] + 1.0) / 2.0 * shape - 0.5).astype(np.int64)
-    goal = robot + np.rint(position[..., 2:] * shape).astype(np.int64)
-    step = np.array([shape[1], 1])
-    return robot @ step, goal @ step
+        if (world, goal) not in self._choices:
+            if len(self._choices) >= _KEPT:
+                self._choices.clear()
+            i, j = divmod(goal, world.radio_map.grid.shape[1])
+            self._choices[world, goal] = self.rule(world, (i, j)).reshape(-1, 8)
+        return self._choices[world, goal]
 
 
 def random(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
@@ -99,8 +83,16 @@ def oracle(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
     return _policy(env, lambda world, goal: _cheapest(world, tabulate(world, goal).distance_to_go), seed)
 
 
-REFERENCES: dict[str, Callable[[gymnasium.Env[Any, Any], int | None], CellPolicy]] = {
+def replanning(env: gymnasium.Env[Any, Any], seed: int | None = None) -> Replanner:
+    """The first move of a shortest path over what the robot has seen, the unknown taken for feasible."""
+    task = env.unwrapped.task  # type: ignore[attr-defined]
+    radius = None if task.observation == "map" else task.patch_radius
+    return Replanner(_world_reader(env)(0).radio_map.grid.shape, radius)
+
+
+REFERENCES: dict[str, Callable[[gymnasium.Env[Any, Any], int | None], Policy]] = {
     "oracle": oracle,
+    "replanning": replanning,
     "greedy": greedy,
     "greedy_margin": greedy_margin,
     "masked_random": masked_random,
@@ -109,7 +101,13 @@ REFERENCES: dict[str, Callable[[gymnasium.Env[Any, Any], int | None], CellPolicy
 
 
 def _policy(env: gymnasium.Env[Any, Any], rule: Rule, seed: int | None) -> CellPolicy:
-    return CellPolicy(env.unwrapped.world, rule, np.random.default_rng(seed))  # type: ignore[attr-defined]
+    return CellPolicy(_world_reader(env), rule, np.random.default_rng(seed))
+
+
+def _world_reader(env: Any) -> Callable[[int], World]:
+    """The world of environment n: an environment over many scenes has another one after each reset."""
+    many: Callable[[int], World] | None = getattr(env.unwrapped, "world_of", None)
+    return many or (lambda _: env.unwrapped.world)
 
 
 def _octile(world: World, goal: Cell) -> Floats:
@@ -120,24 +118,17 @@ def _octile(world: World, goal: Cell) -> Floats:
 
 def _cheapest(world: World, to_go: Floats) -> Bools:
     """The feasible move with the least length plus distance to go from its end, as a choice of one."""
-    return _only(-(MOVE_LENGTHS * world.radio_map.grid.cell_size + _ahead(to_go)), legal_moves(world.feasible))
+    return _only(-(MOVE_LENGTHS * world.radio_map.grid.cell_size + ahead(to_go)), legal_moves(world.feasible))
 
 
 def _greatest_gain(world: World, goal: Cell) -> Bools:
     is_feasible, octile = legal_moves(world.feasible), _octile(world, goal)
-    is_nearer = is_feasible & (_ahead(octile) < octile[..., None] - 1e-9)
+    is_nearer = is_feasible & (ahead(octile) < octile[..., None] - 1e-9)
     is_open = np.where(is_nearer.any(axis=-1, keepdims=True), is_nearer, is_feasible)
-    return _only(_ahead(world.radio_map.gain_db), is_open)
+    return _only(ahead(world.radio_map.gain_db), is_open)
 
 
 def _only(value: Floats, is_open: Bools) -> Bools:
     """The open action with the greatest value, as a choice of one; of equals the first."""
     best = np.where(is_open, value, -np.inf).argmax(axis=-1)
     return is_open & (np.arange(8) == best[..., None])
-
-
-def _ahead(values: Floats) -> Floats:
-    """Values ``(X, Y)`` of the cells that the eight moves lead to, shape ``(X, Y, 8)``; +inf off the map."""
-    columns, rows = values.shape
-    padded = np.pad(values, 1, constant_values=np.inf)
-    return np.stack([padded[1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1)

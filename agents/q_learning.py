@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.algorithms import Algorithm
-from agents.heuristics import decode
 from agents.settings import AgentConfig
+from agents.sight import decode
 
 if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback

@@ -88,7 +88,7 @@ def roll_out(
     seed: int | None = None,
     options: dict[str, Any] | None = None,
 ) -> Episode:
-    """Play one episode of an `IrsNav-v0` that is made by `gymnasium.make`, which bounds its length."""
+    """Play one episode of an `IrsNav-v0` or `IrsNavRandom-v0` made by `gymnasium.make`, which bounds its length."""
     is_masked = takes_masks(policy)
     observation, start = env.reset(seed=seed, options=options)
     info, steps, total_reward, state, is_over, has_missed = start, 0, 0.0, None, False, False

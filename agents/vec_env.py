@@ -1,4 +1,4 @@
-"""`IrsNavVecEnv`: the vector environment as Stable-Baselines3's own `VecEnv`, much faster than `DummyVecEnv`."""
+"""`IrsNavVecEnv`: a vector environment as Stable-Baselines3's own `VecEnv`, much faster than `DummyVecEnv`."""
 
 import time
 from collections.abc import Iterable, Sequence
@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
+from irs_gym.random_vector_env import IrsNavRandomVectorEnv
 from irs_gym.vector_env import IrsNavVectorEnv
 
-_FINAL_KEYS = ("distance", "refused", "distance_to_go", "gain_db", "margin_db", "cost", "is_success", "spl")
+_OPENING_KEYS = ("oracle_distance", "scene_id")  # the latter where there are many scenes
+_FINAL_KEYS = ("distance", "refused", "distance_to_go", "gain_db", "margin_db", "cost", "is_success", "spl", "scene_id")
 
 
 class IrsNavVecEnv(VecEnv):
     """Training with it equals training with a `DummyVecEnv` of single environments, action for action.
 
     Infos hold what Stable-Baselines3 asks for: ``TimeLimit.truncated`` at each step, and at an end also
-    ``terminal_observation``, ``episode`` (as its `Monitor` gives it), ``is_success`` and the final info's scalars.
+    ``terminal_observation``, ``episode`` (as its `Monitor` gives it), ``is_success`` and the final info's scalars; over
+    many scenes ``scene_id`` as well.
 
     Parameters
     ----------
@@ -29,14 +32,22 @@ class IrsNavVecEnv(VecEnv):
         Steps after which an episode is truncated.
     render_mode
         ``"rgb_array"`` or ``"ansi"``.
+    vector_env
+        What is made: `IrsNavVectorEnv`, or `IrsNavRandomVectorEnv` for many scenes.
     **env_kwargs
-        The fields of `irs_gym.task.Task`.
+        Its arguments: the fields of `irs_gym.task.Task`, or of `irs_gym.random_task.RandomTask`.
     """
 
     def __init__(
-        self, num_envs: int, max_episode_steps: int = 400, render_mode: str | None = None, **env_kwargs: Any
+        self,
+        num_envs: int,
+        max_episode_steps: int = 400,
+        render_mode: str | None = None,
+        *,
+        vector_env: type[IrsNavVectorEnv | IrsNavRandomVectorEnv] = IrsNavVectorEnv,
+        **env_kwargs: Any,
     ) -> None:
-        self.envs = IrsNavVectorEnv(
+        self.envs = vector_env(
             num_envs, max_episode_steps, AutoresetMode.SAME_STEP, render_mode=render_mode, **env_kwargs
         )
         self.render_mode = render_mode
@@ -53,7 +64,7 @@ class IrsNavVecEnv(VecEnv):
             raise ValueError("options must be the same for all environments")
         observation, infos = self.envs.reset(seed=seeds, options=options)
         self._return[:], self._length[:] = 0.0, 0
-        self.reset_infos = [{"oracle_distance": float(each)} for each in infos["oracle_distance"]]
+        self.reset_infos = [_scalars(_OPENING_KEYS, infos, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         return observation
@@ -71,7 +82,7 @@ class IrsNavVecEnv(VecEnv):
         each_info: list[dict[str, Any]] = [{"TimeLimit.truncated": False} for _ in range(self.num_envs)]
         for i in np.flatnonzero(done).tolist():
             each_info[i] = self._final_info(i, infos, bool(truncated[i] and not terminated[i]))
-            self.reset_infos[i] = {"oracle_distance": float(infos["oracle_distance"][i])}
+            self.reset_infos[i] = _scalars(_OPENING_KEYS, infos, i)
         self._return[done], self._length[done] = 0.0, 0
         return observation, reward.astype(np.float32), done, each_info
 
@@ -82,9 +93,8 @@ class IrsNavVecEnv(VecEnv):
             "l": int(self._length[i]),
             "t": round(time.time() - self._began, 6),
         }
-        scalars = {key: final[key][i].item() for key in _FINAL_KEYS}
         return {
-            **scalars,
+            **_scalars(_FINAL_KEYS, final, i),
             "path": final["path"][i],
             "TimeLimit.truncated": is_truncated,
             "terminal_observation": infos["final_obs"][i],
@@ -125,3 +135,8 @@ class IrsNavVecEnv(VecEnv):
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """A picture of each environment; needs ``render_mode="rgb_array"``."""
         return list(self.envs.render() or [None] * self.num_envs)
+
+
+def _scalars(keys: Sequence[str], infos: dict[str, Any], i: int) -> dict[str, Any]:
+    """What the infos say of environment i, as Python's own types; keys that they lack are left out."""
+    return {key: infos[key][i : i + 1].tolist()[0] for key in keys if key in infos}

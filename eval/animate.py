@@ -38,7 +38,7 @@ def main(
     Parameters
     ----------
     policy
-        A run folder, or a reference policy: oracle, greedy, greedy_margin, masked_random or random.
+        A run folder, or a reference policy: oracle, replanning, greedy, greedy_margin, masked_random or random.
     out
         The file; by default animation.gif in the run folder, or POLICY.gif here.
     model

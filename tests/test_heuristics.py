@@ -4,8 +4,9 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.heuristics import REFERENCES, decode, greedy, greedy_margin, masked_random, oracle, random
+from agents.heuristics import REFERENCES, greedy, greedy_margin, masked_random, oracle, random
 from agents.rollout import evaluation_env, roll_out
+from agents.sight import decode
 from irs_gym import RadioMap
 from irs_gym.task import Task
 

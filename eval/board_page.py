@@ -22,6 +22,8 @@ scoring knows the oracle: no agent sees it in training.
 | refused | refused moves in the episode, a mean |
 | steps, seconds | training before the first test at the optimum: the median over all seeds, never there is infinite |
 
+Seconds are those of the machine that trained, with all else that ran on it: steps compare better.
+
 Below each figure is its 95 % interval: Clopper and Pearson's for shares of seeds, else the percentile bootstrap that
 resamples whole seeds {resamples:,} times. † marks figures that are equal in all seeds: resampling then shows no spread,
 which is not to say that the next seed would be equal too. Deterministic references have no interval; for the random

@@ -1,16 +1,21 @@
 """`Pool`: many scenes with their radio maps and distances to go, stacked in arrays of one shape."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irs_gym.block import Block
+from irs_gym.cache import cache_folder
+from irs_gym.generator import CELL_SIZE
+from irs_gym.head import build_head
 from irs_gym.scene import Scene
 from irs_gym.solved import Solved, solve
-from irs_gym.task import irs_settings
+from irs_gym.splits import check_frozen, split_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,21 +117,74 @@ def pool_of(
     frame = (int(shapes[:, 0].max()), int(shapes[:, 1].max())) if frame is None else frame
     too_large = np.flatnonzero((shapes > frame).any(axis=1))
     if len(too_large):
-        first = too_large[0]
-        raise ValueError(
-            f"scene {names[first]!r} has {tuple(shapes[first].tolist())} cells: frame={frame} is too small"
-        )
-    return Pool(
-        scenes=tuple(scenes),
-        names=names,
-        target_db=np.array([scene.target_db for scene in scenes]),
-        gain_db=np.stack([_padded(each.radio_map.gain_db, frame, -np.inf) for each in solved]),
-        distance_to_go=np.stack([_padded(each.distance_to_go, frame, np.inf) for each in solved]),
-        irs=np.array([irs_settings(scene, scene.phase_bits) for scene in scenes], dtype=np.float32),
-        start=np.array([each.start for each in solved], dtype=np.int64),
-        goal=np.array([each.goal for each in solved], dtype=np.int64),
-        cell_size=cell_size,
-    )
+        name, shape = names[too_large[0]], tuple(shapes[too_large[0]].tolist())
+        raise ValueError(f"scene {name!r} has {shape} cells: frame={frame} is too small")
+    return _pool(tuple(scenes), names, Block.of(solved, frame), cell_size)
+
+
+def build_pool(
+    split: str,
+    num_scenes: int | None = None,
+    *,
+    jobs: int | None = None,
+    progress: bool | None = None,
+    cache: str | Path | None = None,
+) -> Pool:
+    """Pool of the first scenes of a split, so that a smaller pool is the head of a larger.
+
+    Scenes are built by the hundred, in several processes where there are more, and kept in a cache, from which they
+    are read the next time; a damaged file there is built anew.
+
+    Parameters
+    ----------
+    split
+        See `irs_gym.splits.SPLITS`.
+    num_scenes
+        Scenes from the first on; 1,000 by default.
+    jobs
+        Processes; by default as many as there are processors. 1: this one alone.
+    progress
+        Whether to show a progress bar on the standard error where it takes longer than a second; by default, where
+        that is a terminal.
+    cache
+        Folder of the cache; by default ``IRS_GYM_CACHE``, else the user's folder for such files.
+
+    Raises
+    ------
+    ValueError
+        Where there is no such split, or it has fewer scenes.
+    RuntimeError
+        Where the split is frozen, and a scene of it comes out as another.
+    """
+    size = split_of(split).size
+    count = min(1000, size) if num_scenes is None else num_scenes
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= size:
+        raise ValueError(f"num_scenes={num_scenes!r} must be a number from 1 to {size}, the scenes of {split!r}")
+    folder = cache_folder() if cache is None else Path(cache)
+    block = build_head(split, int(count), jobs=jobs, progress=progress, folder=folder)
+    texts = block.texts.tolist()
+    check_frozen(split, texts)
+    return _pool(_Texts(texts), tuple(f"{split}-{n}" for n in range(count)), block, CELL_SIZE)
+
+
+class _Texts(Sequence[Scene]):
+    """Scenes kept as JSON, each read whenever it is asked for."""
+
+    def __init__(self, texts: list[bytes]) -> None:
+        self._texts = texts
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+    def __getitem__(self, which: Any) -> Any:
+        if isinstance(which, slice):
+            return _Texts(self._texts[which])
+        return Scene.model_validate_json(self._texts[which], strict=True)
+
+
+def _pool(scenes: Sequence[Scene], names: tuple[str, ...], block: Block, cell_size: float) -> Pool:
+    arrays = {each.name: getattr(block, each.name) for each in fields(block) if each.name != "texts"}
+    return Pool(scenes=scenes, names=names, cell_size=cell_size, **arrays)
 
 
 def _solve(scene: Scene, name: str, cell_size: float) -> Solved:
@@ -134,11 +192,6 @@ def _solve(scene: Scene, name: str, cell_size: float) -> Solved:
         return solve(scene, cell_size)
     except ValueError as error:
         raise ValueError(f"scene {name!r}: {error}") from None
-
-
-def _padded(array: NDArray[np.float64], frame: tuple[int, int], value: float) -> NDArray[np.float64]:
-    over = [(0, whole - part) for whole, part in zip(frame, array.shape, strict=True)]
-    return np.pad(array, over, constant_values=value)
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from irs_gym.dynamics import check_bonus, potential
 from irs_gym.grid import Grid
-from irs_gym.pool import Pool, pool_of
+from irs_gym.pool import Pool, build_pool, pool_of
 from irs_gym.radio_map import RadioMap
 from irs_gym.scene import Scene, load_scene
 from irs_gym.task import Constraint, Observation, Task, World, checked_fields
@@ -146,8 +146,6 @@ def _build_worlds(task: RandomTask) -> Worlds:
     if isinstance(task.scenes, Pool):
         pool = task.scenes
     elif task.scenes is None:
-        from irs_gym.pool import build_pool
-
         pool = build_pool(task.split, task.num_scenes)
     else:
         pool = pool_of(task.scenes)  # type: ignore[arg-type]  # a folder has been read

@@ -130,7 +130,7 @@ def test_each_ablation_changes_one_thing():
         (("seeds = 2", "seeds = 2\nworkers = 3"), "workers: Extra inputs are not permitted"),
         (("settings.short", 'settings."../elsewhere"'), r"settings.../elsewhere.\[key\]: String should match"),
         (("patch_radius = 1", "patch = 1"), "settings.short.env: unknown argument patch"),
-        (("patch_radius = 1", "target_db = -50"), "target_db=-50 is infeasible"),
+        (("patch_radius = 1", "target_db = -50"), "target_db=-50.0 is infeasible"),
         (("patch_radius = 1", 'scene = "nowhere.json"'), "nowhere.json"),
         (("n_envs = 4", "n_envs = 0"), r"settings.short.agent \(q_learning\): n_envs=0 must be a positive integer"),
         (("n_envs = 4", "n_steps = 4"), r"settings.short.agent \(q_learning\): unknown name n_steps"),

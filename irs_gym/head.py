@@ -62,7 +62,7 @@ def built_elsewhere(split: str, first: int, count: int) -> Block | None:
     a main guard again in each.
     """
     command = [sys.executable, "-P", "-m", "irs_gym.block", split, str(first), str(count)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "OMP_NUM_THREADS": "1"}
     try:
         done = subprocess.run(command, env=environment, capture_output=True, check=True)
         return Block.from_bytes(done.stdout, definition_of(split, first, count))

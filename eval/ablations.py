@@ -43,11 +43,10 @@ iteration):"""
 
 ANSWER = """A return that counts the far future counts every refused move and every aimless step of it, so its scatter
 grows without bound as the discount nears 1, while the detour stays as long as it is. A discount of 0.98 looks 50 moves
-ahead, which is about one crossing of the room; the potential-based shaping pays for progress at once, so that nothing
-beyond is needed, and the best path remains the shortest one for every discount in the table. That leaves the scatter of
-the agent's own late learning: a policy that has turned deterministic no longer sees the other route, which is what the
-entropy bonus (0.05) prevents, and starts drawn all over the floor (70 %) show it both. For DQN the same holds with
-one-step returns: returns over several steps would hold the random moves among them against the narrower route."""
+ahead, about one crossing of the room, and the potential-based shaping pays for progress at once, so that nothing beyond
+is needed. What remains is the scatter of the agent's own later learning: a policy that has turned deterministic no
+longer sees the other route, which is what the entropy bonus is against. For DQN the same holds with one-step returns:
+returns over several steps hold the random moves among them against the narrower route."""
 
 
 def main(

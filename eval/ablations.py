@@ -1,6 +1,5 @@
 """`python -m eval ablations`: what each part of the task and of the setting is worth, in steps to the optimum."""
 
-import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,8 +10,8 @@ from tyro.conf import Positional, arg
 
 from agents.checkpoint import write_file
 from agents.rollout import evaluation_env
-from eval.board import build
-from eval.board_page import origin, standings_table
+from eval.board import build, commands_of
+from eval.board_page import count_of, origin, standings_table
 from eval.discounts import DETOUR, Outlook, outlooks
 from eval.markdown import page, table
 from eval.results import find_runs, read_results
@@ -70,9 +69,8 @@ def main(
         problems = {each.problem for each in results}
         if len(problems) != 1:
             raise ValueError(f"{str(folder)!r} holds runs on {len(problems)} problems: ablations are of one")
-        board, pictures = build(results, left_out, episodes=100, seed=0)
-        own = shlex.join(["python", "-m", "eval", "ablations", *sys.argv[2:]])
-        board["commands"] = [trained_by, own] if trained_by else [own]
+        board, pictures = build(results, left_out, episodes=1, seed=0)  # of the references, which the page leaves out
+        board["commands"] = commands_of("ablations", trained_by)
         world = evaluation_env(results[0].run.task).unwrapped.world  # type: ignore[attr-defined]
         found = outlooks(world, GAMMAS)
         (out / FIGURES).mkdir(parents=True, exist_ok=True)
@@ -115,11 +113,10 @@ def _worth(standings: Sequence[Mapping[str, Any]]) -> str:
     default = standings[0]["estimates"]["steps_to_optimum"]["value"]
     rows = []
     for each in standings:
-        found, seeds = each["estimates"], len(each["seeds"])
+        found = each["estimates"]
         steps = found["steps_to_optimum"]["value"] if found else None
         times = "never in half of the seeds" if steps is None or default is None else f"{steps / default:.2f}"
-        arrived = round(found["at_optimum"]["value"] * seeds) if found else 0
-        rows.append((each["name"], times, f"{arrived} of {seeds}"))
+        rows.append((each["name"], times, count_of(each, "at_optimum") if found else "0 of 0"))
     return table(("variant", "times the default's steps", "seeds at the optimum"), rows)
 
 

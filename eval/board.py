@@ -62,8 +62,7 @@ def main(
             reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
             raise ValueError(f"no complete run lies below {str(folder)!r}{reasons}")
         board, pictures = build(results, left_out, episodes, seed)
-        own = shlex.join(["python", "-m", "eval", "board", *sys.argv[2:]])
-        board["commands"] = [trained_by, own] if trained_by else [own]
+        board["commands"] = commands_of("board", trained_by)
         write(board, pictures, folder, out)
     except (OSError, ValueError) as error:
         print(f"python -m eval board: {error}", file=sys.stderr)
@@ -72,6 +71,12 @@ def main(
         print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
     print(f"{len(results)} runs, {len(left_out)} left out; written: {folder / 'report.html'}, {out / 'scoreboard.md'}")
     return 0
+
+
+def commands_of(name: str, trained_by: str | None) -> list[str]:
+    """The commands that made a page: the one that trained, where it is known, and this call of `python -m eval`."""
+    own = shlex.join(["python", "-m", "eval", name, *sys.argv[2:]])
+    return [trained_by, own] if trained_by else [own]
 
 
 def build(

@@ -83,7 +83,7 @@ def _glimpse(row: Mapping[str, Any] | None) -> str:
     if row is None or not row["estimates"]:
         return "–"
     seconds = row["estimates"]["seconds_to_optimum"]["value"]
-    return f"{_of(row, 'at_optimum')}, {'never' if seconds is None else f'{_number(seconds, 0)} s'}{_missing(row)}"
+    return f"{count_of(row, 'at_optimum')}, {'never' if seconds is None else f'{_number(seconds, 0)} s'}{_missing(row)}"
 
 
 def _overall(board: Mapping[str, Any]) -> str:
@@ -126,10 +126,11 @@ def _row(standing: Mapping[str, Any]) -> tuple[str, ...]:
 def _share(standing: Mapping[str, Any], key: str) -> str:
     if len(standing["seeds"]) == 1 and standing["kind"] == "reference":
         return "yes" if standing["estimates"][key]["value"] else "no"
-    return f"{_of(standing, key)}{_below(standing['estimates'][key], 2)}"
+    return f"{count_of(standing, key)}{_below(standing['estimates'][key], 2)}"
 
 
-def _of(standing: Mapping[str, Any], key: str) -> str:
+def count_of(standing: Mapping[str, Any], key: str) -> str:
+    """How many of a standing's seeds a share stands for: "9 of 10"."""
     seeds = len(standing["seeds"])
     return f"{round(standing['estimates'][key]['value'] * seeds)} of {seeds}"
 

@@ -15,6 +15,7 @@ from agents import provenance
 from agents.checkpoint import Run, RunError, write_file
 from agents.map_network import plan_pool
 from agents.pool_rollout import Episodes, follow
+from agents.rollout import TOLERANCE
 from irs_gym.grid import octile_distance
 from irs_gym.pool import Pool, build_pool, pool_of
 from irs_gym.scene import Scene, load_scene
@@ -59,7 +60,7 @@ def score_of(episodes: Episodes, chosen: NDArray[np.bool_] | None = None) -> Uns
         success=float(success.mean()),
         spl=float(episodes.spl[chosen].mean()),
         ratio=float(ratio[success].mean()) if success.any() else None,
-        exact=float((success & (ratio <= 1.0 + 1e-9)).mean()),
+        exact=float((success & (ratio <= 1.0 + TOLERANCE)).mean()),
     )
 
 

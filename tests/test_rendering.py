@@ -4,7 +4,6 @@ import copy
 import pickle
 import subprocess
 import sys
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -263,20 +262,6 @@ def test_a_copied_or_pickled_view_draws_the_same(duplicate):
     view = plain_view()
     frame = draw(view, [START])
     assert np.array_equal(draw(duplicate(view), [START]), frame)
-
-
-def test_a_frame_of_512_px_takes_under_10_ms():
-    view = paper_view()
-    rng = np.random.default_rng(0)
-    trail = np.clip(np.cumsum(rng.integers(-1, 2, (400, 2)), axis=0) + 20, 0, 39)
-    draw(view, trail)
-
-    def seconds():
-        begin = time.process_time()  # of this process: others may keep the machine busy
-        draw(view, trail)
-        return time.process_time() - begin
-
-    assert min(seconds() for _ in range(20)) < 0.010
 
 
 def test_importing_brings_no_pillow_and_drawing_no_plotting_or_window_package():

@@ -13,7 +13,7 @@ class PpoConfig(NetworkConfig):
 
     algorithm: ClassVar[Algorithm] = "ppo"
 
-    total_timesteps: int = 1_200_000
+    total_timesteps: int = 2_400_000
     learning_rate: float = 1e-3
     final_learning_rate: float = 5e-5
     gamma: float = 0.98

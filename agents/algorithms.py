@@ -7,19 +7,30 @@ from typing import Any, Literal, get_args
 Algorithm = Literal["ppo", "maskable_ppo", "dqn", "qr_dqn", "q_learning"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
-Generalist = Literal["planner", "planner_ppo", "unet", "unet_ppo", "vin"]  # learn on many scenes, over whole maps
-GENERALISTS: tuple[Generalist, ...] = get_args(Generalist)
+MapGeneralist = Literal["planner", "planner_ppo", "unet", "unet_ppo", "vin", "map_ppo"]  # see the whole map
+LocalGeneralist = Literal["explorer", "local_ppo", "recurrent_ppo"]  # see the patch around the robot
+Generalist = Literal[MapGeneralist, LocalGeneralist]  # learn on many scenes
+LOCAL: tuple[LocalGeneralist, ...] = get_args(LocalGeneralist)
+GENERALISTS: tuple[Generalist, ...] = (*get_args(MapGeneralist), *LOCAL)
 
-_CLASSES: dict[Algorithm, tuple[str, str]] = {
+_CLASSES: dict[Algorithm | Generalist, tuple[str, str]] = {
     "ppo": ("stable_baselines3", "PPO"),
     "maskable_ppo": ("sb3_contrib", "MaskablePPO"),
     "dqn": ("stable_baselines3", "DQN"),
     "qr_dqn": ("sb3_contrib", "QRDQN"),
     "q_learning": ("agents.q_learning", "QLearning"),
+    "map_ppo": ("stable_baselines3", "PPO"),
+    "local_ppo": ("stable_baselines3", "PPO"),
+    "recurrent_ppo": ("sb3_contrib", "RecurrentPPO"),
 }
 
 
-def model_class(algorithm: Algorithm) -> Any:
+def keeps_arrays(algorithm: Algorithm | Generalist) -> bool:
+    """Whether its models are files of plain arrays, and not those of SB3."""
+    return algorithm == "q_learning" or algorithm not in _CLASSES
+
+
+def model_class(algorithm: Algorithm | Generalist) -> Any:
     """The class of an algorithm's models, with SB3's ``learn``, ``predict``, ``save`` and ``load``; imported now."""
     module, name = _CLASSES[algorithm]
     return getattr(import_module(module), name)
@@ -29,9 +40,13 @@ def load(algorithm: Algorithm | Generalist, content: bytes) -> Any:
     """The model in the content of a file, to act with.
 
     A network's file is unpickled in part, which runs what stands in it: load only what is known by its SHA-256. Files
-    of tables and generalists hold plain arrays.
+    of tables, of networks over maps and of explorers hold plain arrays.
     """
-    if algorithm in GENERALISTS:
+    if algorithm == "explorer":
+        from agents.explorer_policy import Explorer
+
+        return Explorer.load(content)
+    if algorithm not in _CLASSES:
         from agents.map_policy import MapPolicy
 
         return MapPolicy.load(content)

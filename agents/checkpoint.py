@@ -26,7 +26,7 @@ from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
 from agents import provenance
-from agents.algorithms import GENERALISTS, load
+from agents.algorithms import GENERALISTS, keeps_arrays, load
 from agents.manifest import Config, Entry, GeneralistEntry, Manifest, ModelEntry, Record
 from irs_gym.radio_map import RadioMap, as_scene
 from irs_gym.scene import scene_names
@@ -146,8 +146,7 @@ class Run:
         """
         buffer = BytesIO()
         model.save(buffer)
-        is_array = self.is_generalist or self.config.algorithm == "q_learning"
-        file = f"{name}-{steps}.{'npz' if is_array else 'zip'}"
+        file = f"{name}-{steps}.{'npz' if keeps_arrays(self.config.algorithm) else 'zip'}"
         digest = self._write_hashed(file, buffer.getvalue())
         kind = GeneralistEntry if self.is_generalist else ModelEntry
         entry = kind(file=file, sha256=digest, steps=steps, **result)

@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import nn
 
-from agents.map_network import pack_network, plan_pool
+from agents.explorer_policy import Explorer
+from agents.map_policy import MapPolicy
 from agents.map_settings import MapAgentConfig
-from agents.pool_rollout import Episodes, follow
 from irs_gym.pool import Pool
 
 if TYPE_CHECKING:
@@ -63,17 +63,19 @@ class MapLearner:
         callback.on_training_end()
         return self
 
-    def play(self, pool: Pool, max_steps: int = 400) -> Episodes:
-        """Greedy episodes from the starts of a pool's scenes."""
-        return follow(plan_pool(self.teacher.network, pool), pool, max_steps)
+    @property
+    def policy(self) -> MapPolicy | Explorer:
+        """What acts by the network as it is now."""
+        network, name, shape = self.teacher.network, self.config.network, self.config.shape
+        return Explorer(shape, network) if name == "explorer" else MapPolicy(name, shape, network)
 
     def set_logger(self, logger: Logger) -> None:
         """Log to there from now on."""
         self.logger = logger
 
     def save(self, file: IO[bytes]) -> None:
-        """Write the network's file, for `agents.map_policy.MapPolicy`."""
-        file.write(pack_network(self.config.network, self.config.shape, self.teacher.network))
+        """Write the policy's file."""
+        self.policy.save(file)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "pool": None}

@@ -25,6 +25,7 @@ _CLASSES: dict[NetworkName, tuple[str, str]] = {
     "planner": ("agents.planner", "PlanningNetwork"),
     "unet": ("agents.unet", "UNet"),
     "vin": ("agents.vin", "ValueIterationNetwork"),
+    "explorer": ("agents.explorer", "ExplorerNetwork"),
 }
 
 

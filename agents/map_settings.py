@@ -1,4 +1,4 @@
-"""The settings of what learns on many scenes, over whole maps: `MapAgentConfig`, and one for each algorithm."""
+"""The settings of networks that learn on many scenes: `MapAgentConfig`, and one for each that sees the whole map."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.algorithms import Generalist
 from agents.settings import check_settings
+from irs_gym.task import Observation
 
 if TYPE_CHECKING:
     from torch import nn
@@ -17,13 +18,13 @@ if TYPE_CHECKING:
     from agents.map_learner import MapLearner, Teacher
     from irs_gym.pool import Pool
 
-NetworkName = Literal["planner", "unet", "vin"]
+NetworkName = Literal["planner", "unet", "vin", "explorer"]
 Encoding = Literal["mask", "margin"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MapAgentConfig:
-    """Settings of every learner over maps; the defaults of each are the tuned ones.
+    """Settings of every learner whose network answers for all cells of a map; the defaults of each are the tuned ones.
 
     Each has ``total_timesteps``, the length of its schedule in what its `Teacher` counts.
 
@@ -31,6 +32,7 @@ class MapAgentConfig:
     """
 
     algorithm: ClassVar[Generalist]
+    observation: ClassVar[Observation] = "flat"  # what a policy that does not see the whole map is shown
     network: ClassVar[NetworkName]
     network_settings: ClassVar[tuple[str, ...]]  # fields that are handed on to the network
 

@@ -1,12 +1,19 @@
-"""`follow`: the greedy episodes of a whole pool at once, from what a network says of all cells."""
+"""`play`: the greedy episodes of a policy from the starts of all scenes of a pool at once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.explorer_policy import Explorer
+from agents.map_network import plan_pool
+from agents.map_policy import MapPolicy
+from agents.policy import Policy
+from irs_gym.atlas import build_atlas
 from irs_gym.grid import MOVES
 from irs_gym.pool import Pool
+from irs_gym.random_task import RandomTask, build_worlds
+from irs_gym.task import Observation
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +43,55 @@ class Episodes:
         if not self.is_success.any():
             return None
         return float((self.distance / self.oracle_distance)[self.is_success].mean())
+
+
+def play(policy: Policy, pool: Pool, observation: Observation = "flat", max_steps: int | None = None) -> Episodes:
+    """Greedy episodes of a policy, one in each scene, as in `IrsNavRandom-v0` from the scenes' own starts.
+
+    Parameters
+    ----------
+    policy
+        One over whole maps is asked once for each scene.
+    pool
+        S scenes.
+    observation
+        What other policies see; the patch has the environment's usual radius.
+    max_steps
+        Steps after which an episode ends: by default the environment's 400, and more on maps larger than 40 x 40.
+
+    Raises
+    ------
+    ValueError
+        Where the policy cannot see maps of this size.
+    """
+    max_steps = max(400, 5 * sum(pool.shape)) if max_steps is None else max_steps
+    if isinstance(policy, MapPolicy):
+        return follow(plan_pool(policy.network, pool), pool, max_steps)
+    if isinstance(policy, Explorer):
+        policy = replace(policy, shape=pool.shape)
+    return roll_out_pool(policy, pool, observation, max_steps)
+
+
+def roll_out_pool(policy: Policy, pool: Pool, observation: Observation, max_steps: int) -> Episodes:
+    """Episodes of any policy step by step, one in each scene of a pool; see `play`."""
+    ground = build_atlas(build_worlds(RandomTask(scenes=pool, observation=observation)))
+    scenes, packing = np.arange(len(pool)), ground.packing
+    states, travelled = ground.states_of(scenes, pool.start, pool.goal), np.zeros(len(pool), dtype=np.complex128)
+    memory, is_over, first = None, np.zeros(len(pool), dtype=bool), np.ones(len(pool), dtype=bool)
+    for _ in range(max_steps):
+        # Those who have arrived are asked no more, unless the policy's memory has a place for each.
+        asked = scenes if memory is not None else np.flatnonzero(~is_over)
+        rows = ground.observe(states[asked], np.empty((len(asked), packing.width), dtype=np.float32))
+        actions, memory = policy.predict(packing.unpack(rows), memory, first[asked], deterministic=True)
+        first[:] = False
+        moving = ~is_over[asked]
+        outcome = ground.move(states[asked[moving]], np.asarray(actions)[moving])
+        states[asked[moving]] = outcome.states
+        travelled[asked[moving]] += outcome.travel
+        is_over[asked[moving]] = outcome.is_terminated
+        if is_over.all():
+            break
+    return Episodes(is_over, travelled.real, pool.oracle_distance)
 
 
 def follow(logits: NDArray[np.float32], pool: Pool, max_steps: int = 400) -> Episodes:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gymnasium import spaces
 
-from agents.algorithms import Algorithm, model_class
+from agents.algorithms import Algorithm, Generalist, model_class
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
@@ -36,7 +36,7 @@ class AgentConfig:
     Raises ``ValueError`` where a value is out of its range; the message names the field.
     """
 
-    algorithm: ClassVar[Algorithm]
+    algorithm: ClassVar[Algorithm | Generalist]
 
     total_timesteps: int
     """Steps of the whole schedule, counted over all environments."""
@@ -73,6 +73,7 @@ class NetworkConfig(AgentConfig):
     """Settings of the algorithms of Stable-Baselines3 under its own names, so that each is handed on as it is."""
 
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch",)  # handed on to the networks
+    env_settings: ClassVar[tuple[str, ...]] = ()  # handed on to the environment
 
     net_arch: tuple[int, ...]
     """Widths of the hidden layers of each network."""
@@ -86,15 +87,23 @@ class NetworkConfig(AgentConfig):
         """The model, untrained. ``env`` should hold `n_envs` environments."""
         from stable_baselines3.common.utils import LinearSchedule
 
-        own = {name: value for name, value in asdict(self).items() if name not in ("total_timesteps", "n_envs")}
+        elsewhere = ("total_timesteps", "n_envs", *self.policy_settings, *self.env_settings)
+        own = {name: value for name, value in asdict(self).items() if name not in elsewhere}
         rates = own.pop("learning_rate"), own.pop("final_learning_rate")
-        policy = {name: own.pop(name) for name in self.policy_settings}
         return model_class(self.algorithm)(
-            "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy",
+            self.policy_name(env),
             env,
             learning_rate=LinearSchedule(*rates, 1.0),
-            policy_kwargs={**policy, "net_arch": list(self.net_arch)},
+            policy_kwargs=self.policy_kwargs(),
             seed=seed,
             device="cpu",  # faster than a GPU for networks this small
             **own,
         )
+
+    def policy_name(self, env: VecEnv) -> str:
+        """SB3's name of the policy."""
+        return "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
+
+    def policy_kwargs(self) -> dict[str, Any]:
+        """What is handed on to the networks."""
+        return {**{name: getattr(self, name) for name in self.policy_settings}, "net_arch": list(self.net_arch)}

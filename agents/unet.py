@@ -28,14 +28,14 @@ class UNet(nn.Module):
     def __init__(self, width: int = 16, passes: int = 6) -> None:
         super().__init__()
         self.passes, wide = passes, 2 * width
-        self.stem = nn.Sequential(_block(4, width), _block(width, width))
-        self.enter = _block(width, wide, stride=2)
-        self.begin = _block(2 * wide, wide)
-        self.down = nn.ModuleList([_block(wide, wide, stride=2), _block(wide, wide, stride=2)])
-        self.deep = _block(wide, wide)
-        self.up = nn.ModuleList([_block(2 * wide, wide), _block(2 * wide, wide)])
+        self.stem = nn.Sequential(block(4, width), block(width, width))
+        self.enter = block(width, wide, stride=2)
+        self.begin = block(2 * wide, wide)
+        self.down = nn.ModuleList([block(wide, wide, stride=2), block(wide, wide, stride=2)])
+        self.deep = block(wide, wide)
+        self.up = nn.ModuleList([block(2 * wide, wide), block(2 * wide, wide)])
         self.finish = nn.Conv2d(wide, wide, 3, padding=1)
-        self.leave = nn.Sequential(_block(wide + width, 2 * width), _block(2 * width, 2 * width))
+        self.leave = nn.Sequential(block(wide + width, 2 * width), block(2 * width, 2 * width))
         self.read_out = nn.Conv2d(2 * width, len(MOVES) + 1, 1)
 
     def forward(self, maps: Tensor) -> Plan:
@@ -47,21 +47,23 @@ class UNet(nn.Module):
         state = torch.zeros_like(seen)
         for _ in range(max(self.passes, self.passes * max(columns, rows) // 40)):
             state = state + self._pass(torch.cat([state, seen], dim=1))
-        answer = self.read_out(self.leave(torch.cat([_double(state), fine], dim=1)))[..., :columns, :rows]
+        answer = self.read_out(self.leave(torch.cat([double(state), fine], dim=1)))[..., :columns, :rows]
         return Plan(answer[:, :-1], _UNIT * answer[:, -1])
 
     def _pass(self, seen: Tensor) -> Tensor:
         half = self.begin(seen)
         quarter = self.down[0](half)
         eighth = self.deep(self.down[1](quarter))
-        quarter = self.up[0](torch.cat([quarter, _double(eighth)], dim=1))
-        return self.finish(self.up[1](torch.cat([half, _double(quarter)], dim=1)))
+        quarter = self.up[0](torch.cat([quarter, double(eighth)], dim=1))
+        return self.finish(self.up[1](torch.cat([half, double(quarter)], dim=1)))
 
 
-def _block(channels: int, width: int, stride: int = 1) -> nn.Sequential:
+def block(channels: int, width: int, stride: int = 1) -> nn.Sequential:
+    """A convolution over 3 x 3 cells with its normalisation and activation."""
     convolution = nn.Conv2d(channels, width, 3, stride=stride, padding=1, bias=False)
     return nn.Sequential(convolution, nn.GroupNorm(8, width), nn.ReLU())
 
 
-def _double(maps: Tensor) -> Tensor:
+def double(maps: Tensor) -> Tensor:
+    """Maps on a grid twice as fine."""
     return interpolate(maps, scale_factor=2.0, mode="nearest")

@@ -13,8 +13,7 @@ from rich.table import Table
 
 from agents import provenance
 from agents.checkpoint import Run, RunError, write_file
-from agents.map_network import plan_pool
-from agents.pool_rollout import Episodes, follow
+from agents.pool_rollout import Episodes, play
 from agents.rollout import TOLERANCE
 from irs_gym.grid import octile_distance
 from irs_gym.pool import Pool, build_pool, pool_of
@@ -103,10 +102,10 @@ def score_unseen(run: Run, model: str, pools: dict[str, Pool]) -> dict[str, tupl
     """
     if not run.is_generalist:
         raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone")
-    network, found = run.load_model(model).network, {}
+    policy, found = run.load_model(model), {}
+    observation = "map" if run.config.algorithm == "map_ppo" else "flat"
     for name, pool in pools.items():
-        steps = max(400, 5 * sum(pool.shape))  # the environment's limit, and more on maps larger than 40 x 40
-        episodes = follow(plan_pool(network, pool), pool, steps)
+        episodes = play(policy, pool, observation)
         found[name] = (episodes, score_of(episodes), score_of(episodes, detours(pool) > HARD))
     return found
 

@@ -12,6 +12,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from agents.algorithms import Algorithm, Generalist
 from agents.checkpoint import Run
 from agents.dqn import DqnConfig
+from agents.local_settings import ExplorerConfig, LocalPpoConfig, MapPpoConfig, RecurrentPpoConfig, ScenesPpoConfig
 from agents.manifest import Config
 from agents.map_settings import (
     MapAgentConfig,
@@ -108,14 +109,14 @@ class Scenes:
 
 @dataclass(frozen=True, kw_only=True)
 class GeneralistConfig(RunConfig):
-    """Train an agent on many scenes, over whole maps, and keep what it becomes in a run folder.
+    """Train an agent on many scenes, and keep what it becomes in a run folder.
 
     The agent is tested again and again on scenes that it does not learn on; its best state is that of the greatest mean
     SPL. Steps are those of PPO's robots; in imitation, scenes seen. Ctrl-C ends the run in good order. A run that was
     ended so, or killed, goes on with --resume.
     """
 
-    agent: MapAgentConfig
+    agent: MapAgentConfig | ScenesPpoConfig
     env: Scenes = Scenes()
 
 
@@ -139,6 +140,10 @@ GENERALIST_DEFAULTS: dict[Generalist, GeneralistConfig] = {
         (VinConfig(), 6_000),
         (PlannerPpoConfig(), 50_000),
         (UNetPpoConfig(), 100_000),
+        (MapPpoConfig(), 100_000),
+        (ExplorerConfig(), 64_000),
+        (LocalPpoConfig(), 200_000),
+        (RecurrentPpoConfig(), 100_000),
     )
 }
 
@@ -182,6 +187,7 @@ def parse(algorithm: Algorithm | Generalist, arguments: Sequence[str]) -> TrainC
         default=default,
         args=arguments,
         prog=f"python -m train {algorithm}",
+        config=(tyro.conf.AvoidSubcommands,),
         registry=_registry(),
     )
 

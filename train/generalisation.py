@@ -1,8 +1,9 @@
 """`Generalisation`: tests a generalist on scenes that it does not learn on, and keeps its best state."""
 
 from agents.checkpoint import Run
-from agents.pool_rollout import Episodes
+from agents.pool_rollout import Episodes, play
 from irs_gym.pool import Pool
+from irs_gym.task import Observation
 from train.evaluation import Evaluation
 
 
@@ -12,9 +13,9 @@ class Generalisation(Evaluation):
     latest: Episodes | None  # type: ignore[assignment]
     best: Episodes | None  # type: ignore[assignment]
 
-    def __init__(self, run: Run, pool: Pool, every: int) -> None:
+    def __init__(self, run: Run, pool: Pool, every: int, observation: Observation) -> None:
         super().__init__(run, None, every, None)  # type: ignore[arg-type]  # plays in no environment
-        self.pool = pool
+        self.pool, self.observation = pool, observation
 
     @property
     def summary(self) -> str:
@@ -25,7 +26,7 @@ class Generalisation(Evaluation):
         return f"{seen}; success {success:.3f}, SPL {spl:.4f} on {len(self.pool)} scenes that it did not learn on"
 
     def _test(self) -> None:
-        self.latest = episodes = self.model.play(self.pool)
+        self.latest = episodes = play(self.model.policy, self.pool, self.observation)
         row = {"success": episodes.is_success.mean(), "spl": episodes.spl.mean(), "ratio": episodes.ratio}
         is_best = self.best is None or row["spl"] > self.best.spl.mean()
         self._note(row, ("success", "spl"), is_best=is_best)

@@ -14,9 +14,11 @@ from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from agents.checkpoint import Run, RunError
+from agents.map_settings import MapAgentConfig
 from agents.rollout import arguments_of, evaluation_env
 from agents.vec_env import IrsNavVecEnv
-from irs_gym import pool
+from irs_gym import pool as pools
+from irs_gym.random_vector_env import IrsNavRandomVectorEnv
 from train import resume
 from train.config import GeneralistConfig, TrainConfig, defaults_of, record_of, settings_of
 from train.evaluation import Evaluation, Progress
@@ -37,9 +39,9 @@ def check(config: TrainConfig | GeneralistConfig) -> None:
     if config.resume is not None:
         _check_resumed(config, Run.open(config.resume))
         return
-    if isinstance(config, GeneralistConfig):
+    if isinstance(config.agent, MapAgentConfig):
         config.agent.build_network()
-    else:
+    elif isinstance(config, TrainConfig):
         evaluation_env(config.env).close()
     Run(_folder(config)).check_vacant(overwrite=config.overwrite)
 
@@ -62,7 +64,7 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     is_new = model is None
     if is_new:
         model = config.agent.build(_material(config), config.seed)
-    elif isinstance(config, GeneralistConfig):
+    elif isinstance(config.agent, MapAgentConfig):
         model.pool = _material(config)
     outputs = [TensorBoardOutputFormat(str(run.folder / "tensorboard"))] if config.tensorboard else []
     model.set_logger(Logger(folder=None, output_formats=outputs))
@@ -74,27 +76,38 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
         model.learn(steps, CallbackList(callbacks), reset_num_timesteps=is_new)
     evaluation.save("last")
     run.update(status=evaluation.status, **({} if evaluation.is_interrupted else {"checkpoints": ()}))
-    if isinstance(config, TrainConfig):
+    if not isinstance(config.agent, MapAgentConfig):
         model.get_env().close()
     return evaluation
 
 
 def _evaluation(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     if isinstance(config, GeneralistConfig):
-        return Generalisation(run, _pool(config, config.env.test_split, config.env.test_scenes), config.eval_every)
+        pool = _pool(config, config.env.test_split, config.env.test_scenes)
+        return Generalisation(run, pool, config.eval_every, config.agent.observation)
     hold = config.hold if config.stop_at_optimum else None
     return Evaluation(run, evaluation_env(config.env), config.eval_every, hold)
 
 
 def _material(config: TrainConfig | GeneralistConfig) -> Any:
     """What is trained on: an environment, or a pool of scenes."""
-    if isinstance(config, GeneralistConfig):
-        return _pool(config, config.env.split, config.env.num_scenes)
-    return IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env))
+    if isinstance(config, TrainConfig):
+        return IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env))
+    scenes = _pool(config, config.env.split, config.env.num_scenes)
+    if isinstance(config.agent, MapAgentConfig):
+        return scenes
+    return IrsNavVecEnv(  # whose pool is named, not handed over, so that a checkpoint holds no maps
+        config.agent.n_envs,
+        vector_env=IrsNavRandomVectorEnv,
+        split=config.env.split,
+        num_scenes=config.env.num_scenes,
+        observation=config.agent.observation,
+        **{name: getattr(config.agent, name) for name in config.agent.env_settings},
+    )
 
 
-def _pool(config: GeneralistConfig, split: str, scenes: int) -> pool.Pool:
-    return pool.build_pool(split, scenes, progress=None if config.progress else False)
+def _pool(config: GeneralistConfig, split: str, scenes: int) -> pools.Pool:
+    return pools.build_pool(split, scenes, progress=None if config.progress else False)
 
 
 def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:

@@ -1,0 +1,131 @@
+"""The settings of what learns on many scenes from what one robot sees: by imitation, and by algorithms of SB3."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from agents.algorithms import Algorithm, Generalist
+from agents.map_settings import MapAgentConfig, NetworkName
+from agents.ppo import PpoConfig
+from agents.settings import check_settings
+from irs_gym.task import Observation
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
+    from torch import nn
+
+    from agents.map_learner import Teacher
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplorerConfig(MapAgentConfig):
+    """Settings of the explorer: imitation with a memory of what was seen; the learning rate falls along a cosine."""
+
+    algorithm: ClassVar[Generalist] = "explorer"
+    network: ClassVar[NetworkName] = "explorer"
+    network_settings: ClassVar[tuple[str, ...]] = ("width",)
+
+    total_timesteps: int = 640_000
+    """Steps of the whole schedule, counted over all robots."""
+    learning_rate: float = 2e-3
+    robots: int = 64
+    """Robots on their ways at a time, each in a scene of its own."""
+    n_steps: int = 4
+    """Mean number of steps of each robot between two updates."""
+    max_steps: int = 400
+    """Steps after which a robot gives up."""
+    random_start: float = 0.3
+    """Probability of a start drawn among the cells from which the goal can be reached."""
+    patch_radius: int = 5
+    """Cells that a robot sees in each direction."""
+    guess_coef: float = 0.5
+    """Weight of the error in the guess which unknown cells are feasible, beside the detours."""
+    max_grad_norm: float = 1.0
+    """Longest gradient, in the Euclidean norm; longer ones are cut."""
+    width: int = 8
+    """Channels on the map's own grid."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_settings(self, "whole", "total_timesteps", "robots", "n_steps", "max_steps", "patch_radius", "width")
+        check_settings(self, "positive", "max_grad_norm")
+        check_settings(self, "share", "random_start")
+        if not 0 <= self.guess_coef < float("inf"):
+            raise ValueError(f"guess_coef={self.guess_coef} must not be negative")
+
+    def teacher(self, network: nn.Module, rng: np.random.Generator) -> Teacher:
+        """The oracle, on the explorer's own ways."""
+        from agents.exploration import Exploration
+
+        return Exploration(self, network, rng)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenesPpoConfig(PpoConfig):
+    """Settings of an algorithm of SB3 that learns in `IrsNavRandom-v0`."""
+
+    algorithm: ClassVar[Algorithm | Generalist]
+    observation: ClassVar[Observation] = "flat"
+    env_settings: ClassVar[tuple[str, ...]] = ("random_start",)
+
+    random_start: float = 0.5
+    """Probability of a start drawn among the cells from which the goal can be reached."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_share("random_start")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalPpoConfig(ScenesPpoConfig):
+    """Settings of Stable-Baselines3's PPO over many scenes, which sees the patch around the robot and forgets it."""
+
+    algorithm: ClassVar[Algorithm | Generalist] = "local_ppo"
+
+    total_timesteps: int = 2_000_000
+    gamma: float = 0.99
+    ent_coef: float = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecurrentPpoConfig(ScenesPpoConfig):
+    """Settings of sb3-contrib's RecurrentPPO over many scenes: what it has seen is in the state of an LSTM."""
+
+    algorithm: ClassVar[Algorithm | Generalist] = "recurrent_ppo"
+    policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "lstm_hidden_size")
+
+    total_timesteps: int = 500_000
+    gamma: float = 0.99
+    ent_coef: float = 0.01
+    net_arch: tuple[int, ...] = (128,)
+    batch_size: int = 2048
+    n_epochs: int = 4
+    lstm_hidden_size: int = 128
+    """Numbers in the state of the LSTM."""
+
+    def policy_name(self, env: VecEnv) -> str:
+        """An LSTM in front of the networks."""
+        return "MlpLstmPolicy"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapPpoConfig(ScenesPpoConfig):
+    """Settings of Stable-Baselines3's PPO over many scenes, with a convolutional network over the whole map."""
+
+    algorithm: ClassVar[Algorithm | Generalist] = "map_ppo"
+    observation: ClassVar[Observation] = "map"
+
+    total_timesteps: int = 500_000
+    gamma: float = 0.99
+    ent_coef: float = 0.01
+    n_epochs: int = 3
+    learning_rate: float = 5e-4
+
+    def policy_kwargs(self) -> dict[str, Any]:
+        """With `agents.map_extractor.MapExtractor` in front of the networks."""
+        from agents.map_extractor import MapExtractor
+
+        return {**super().policy_kwargs(), "features_extractor_class": MapExtractor}

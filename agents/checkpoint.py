@@ -163,10 +163,14 @@ class Run:
         RunError
             Where the manifest lists no such model, or its file is missing or another.
         """
+        return load(self.config.algorithm, self.read_model(name))
+
+    def read_model(self, name: str = "best") -> bytes:
+        """Content of that model's file; raises what `load_model` does."""
         entry = self.manifest.models.get(name)
         if entry is None:
             raise RunError(f"the manifest of {str(self.folder)!r} lists no {name!r} model")
-        return load(self.config.algorithm, self.read(entry))
+        return self.read(entry)
 
     def save_checkpoint(self, content: bytes, steps: int) -> None:
         """Write the state of the training after so many steps, and keep the one before it."""

@@ -43,7 +43,8 @@ class ExplorerNetwork(nn.Module):
         self.down_2 = nn.Sequential(block(width, twice, stride=2), block(twice, twice))
         self.down_4 = nn.Sequential(block(twice, twice, stride=2), block(twice, twice))
         self.down_8 = nn.Sequential(block(twice, four, stride=2), block(four, four))
-        self.up_4, self.up_2, self.up_1 = block(four + twice, twice), block(2 * twice, twice), block(twice + width, width)
+        self.up_4, self.up_2 = block(four + twice, twice), block(2 * twice, twice)
+        self.up_1 = block(twice + width, width)
         self.read_out = nn.Conv2d(width, 2, 1)
         with torch.no_grad():
             self.read_out.bias.copy_(torch.tensor([-2.0, 1.0]))  # begins near optimism: most cells are feasible

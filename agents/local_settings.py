@@ -28,7 +28,7 @@ class ExplorerConfig(MapAgentConfig):
     network: ClassVar[NetworkName] = "explorer"
     network_settings: ClassVar[tuple[str, ...]] = ("width",)
 
-    total_timesteps: int = 640_000
+    total_timesteps: int = 256_000
     """Steps of the whole schedule, counted over all robots."""
     learning_rate: float = 2e-3
     robots: int = 64
@@ -71,12 +71,20 @@ class ScenesPpoConfig(PpoConfig):
     observation: ClassVar[Observation] = "flat"
     env_settings: ClassVar[tuple[str, ...]] = ("random_start",)
 
-    random_start: float = 0.5
+    gamma: float = 0.98
+    ent_coef: float = 0.01
+    random_start: float = 0.3
     """Probability of a start drawn among the cells from which the goal can be reached."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_share("random_start")
+
+    def policy_kwargs(self) -> dict[str, Any]:
+        """With `agents.local_extractor.LocalExtractor` in front of the networks."""
+        from agents.local_extractor import LocalExtractor
+
+        return {**super().policy_kwargs(), "features_extractor_class": LocalExtractor}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +94,6 @@ class LocalPpoConfig(ScenesPpoConfig):
     algorithm: ClassVar[Algorithm | Generalist] = "local_ppo"
 
     total_timesteps: int = 2_000_000
-    gamma: float = 0.99
-    ent_coef: float = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,8 +104,6 @@ class RecurrentPpoConfig(ScenesPpoConfig):
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "lstm_hidden_size")
 
     total_timesteps: int = 500_000
-    gamma: float = 0.99
-    ent_coef: float = 0.01
     net_arch: tuple[int, ...] = (128,)
     batch_size: int = 2048
     n_epochs: int = 4
@@ -118,9 +122,7 @@ class MapPpoConfig(ScenesPpoConfig):
     algorithm: ClassVar[Algorithm | Generalist] = "map_ppo"
     observation: ClassVar[Observation] = "map"
 
-    total_timesteps: int = 500_000
-    gamma: float = 0.99
-    ent_coef: float = 0.01
+    total_timesteps: int = 300_000
     n_epochs: int = 3
     learning_rate: float = 5e-4
 

@@ -37,7 +37,7 @@ class MapAgentConfig:
     network_settings: ClassVar[tuple[str, ...]]  # fields that are handed on to the network
 
     weights: Path | None = None
-    """File of a trained network of the same settings to begin with; None to begin anew."""
+    """Run folder, or file, of a trained network of the same settings to begin with; None to begin anew."""
     learning_rate: float
     """Learning rate at the start."""
 
@@ -61,11 +61,13 @@ class MapAgentConfig:
 
     def build_network(self) -> nn.Module:
         """The network to begin with."""
+        from agents.checkpoint import Run
         from agents.map_network import build_network, unpack_network
 
         if self.weights is None:
             return build_network(self.network, self.shape)
-        name, shape, network = unpack_network(self.weights.read_bytes())
+        content = Run.open(self.weights).read_model() if self.weights.is_dir() else self.weights.read_bytes()
+        name, shape, network = unpack_network(content)
         if (name, shape) != (self.network, self.shape):
             raise ValueError(f"weights={str(self.weights)!r} hold {name} {shape}, not {self.network} {self.shape}")
         return network

@@ -62,8 +62,8 @@ class Episode:
         return self.ratio is not None and self.ratio <= 1.0 + TOLERANCE
 
 
-def arguments_of(task: Task) -> dict[str, Any]:
-    """Keyword arguments of `gymnasium.make` for a task."""
+def arguments_of(task: Any) -> dict[str, Any]:
+    """Keyword arguments of `gymnasium.make` for a task; the fields of any dataclass."""
     return {each.name: getattr(task, each.name) for each in fields(task)}
 
 

@@ -8,12 +8,12 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from agents.algorithms import Algorithm
+from agents.algorithms import Algorithm, Generalist
 from agents.checkpoint import COPIES, Run
 from agents.manifest import Config
 from agents.rollout import arguments_of, evaluation_env
-from irs_gym.task import task_of
-from train.config import DEFAULTS, TrainConfig, record_of
+from irs_gym.task import Task, checked_fields, task_of
+from train.config import GeneralistConfig, Scenes, TrainConfig, defaults_of, record_of
 
 Name = Annotated[str, StringConstraints(pattern=r"^\w[\w.+-]*$")]  # of a folder
 
@@ -27,9 +27,12 @@ class _Table(BaseModel):
 
 
 class Setting(_Table):
-    """What is changed from the defaults of ``python -m train``, under the names of its command line."""
+    """What is changed from the defaults of ``python -m train``, under the names of its command line.
 
-    algorithms: tuple[Algorithm, ...] | None = None
+    In ``agent.weights``, ``{seed}`` stands for the seed of the run.
+    """
+
+    algorithms: tuple[Algorithm | Generalist, ...] | None = None
     """In place of those of the whole sweep."""
     env: dict[str, Any] = {}
     agent: dict[str, Any] = {}
@@ -42,7 +45,7 @@ class Plan(_Table):
     out: Path
     """Folder of the run folders, ``SETTING/ALGORITHM/seedN``."""
     seeds: int = Field(ge=1)
-    algorithms: tuple[Algorithm, ...] = Field(min_length=1)
+    algorithms: tuple[Algorithm | Generalist, ...] = Field(min_length=1)
     settings: dict[Name, Setting] = Field(min_length=1)
 
     @classmethod
@@ -64,7 +67,7 @@ class Plan(_Table):
         except ValueError as error:
             raise PlanError(f"{file}: {error}") from None
 
-    def cells(self) -> Iterator[tuple[str, Algorithm]]:
+    def cells(self) -> Iterator[tuple[str, Algorithm | Generalist]]:
         """Each setting with each of its algorithms."""
         for name, setting in self.settings.items():
             for algorithm in setting.algorithms or self.algorithms:
@@ -74,14 +77,14 @@ class Plan(_Table):
         """Run folder."""
         return self.out / setting / algorithm / f"seed{seed}"
 
-    def configs(self) -> list[TrainConfig]:
+    def configs(self) -> list[TrainConfig | GeneralistConfig]:
         """Settings of all runs, seed by seed, so that a sweep that is under way covers all cells.
 
         Raises ``PlanError`` where a setting has an unknown name or a value out of its range.
         """
         cells = [(name, self._configured(name, algorithm)) for name, algorithm in self.cells()]
         return [
-            replace(config, seed=seed, out=self.folder(name, config.agent.algorithm, seed))
+            replace(_seeded(config, seed), out=self.folder(name, config.agent.algorithm, seed))
             for seed in range(self.seeds)
             for name, config in cells
         ]
@@ -97,7 +100,7 @@ class Plan(_Table):
             Where an environment cannot be made, or a folder holds another run or none.
         """
         configs = self.configs()
-        for env in dict.fromkeys(config.env for config in configs):
+        for env in dict.fromkeys(config.env for config in configs if isinstance(config.env, Task)):
             try:
                 evaluation_env(env).close()
             except ValueError as error:
@@ -107,14 +110,29 @@ class Plan(_Table):
             if config.out.exists() and not _is_same(Run.open(config.out).config, record_of(config)):
                 raise PlanError(f"{str(config.out)!r} holds a run with other settings: name another folder as out")
 
-    def _configured(self, name: str, algorithm: Algorithm) -> TrainConfig:
-        where, setting, default = f"settings.{name}", self.settings[name], DEFAULTS[algorithm]
+    def _configured(self, name: str, algorithm: Algorithm | Generalist) -> TrainConfig | GeneralistConfig:
+        where, setting, default = f"settings.{name}", self.settings[name], defaults_of(algorithm)
+        assert default is not None  # all algorithms have some
         try:
-            env = task_of({**arguments_of(default.env), **setting.env})
+            env = _env_of(default.env, setting.env)
         except (TypeError, ValueError) as error:
             raise PlanError(f"{where}.env: {error}") from None
         agent = _changed(default.agent, setting.agent, f"{where}.agent ({algorithm})")
         return _changed(replace(default, agent=agent, env=env, progress=False), setting.training, f"{where}.training")
+
+
+def _env_of(default: Task | Scenes, changes: Mapping[str, Any]) -> Task | Scenes:
+    arguments = {**arguments_of(default), **changes}
+    return task_of(arguments) if isinstance(default, Task) else Scenes(**checked_fields(Scenes, arguments))
+
+
+def _seeded(config: TrainConfig | GeneralistConfig, seed: int) -> TrainConfig | GeneralistConfig:
+    """With that seed, also where the weights to begin with are named by it."""
+    weights = getattr(config.agent, "weights", None)
+    if weights is None:
+        return replace(config, seed=seed)
+    agent = replace(config.agent, weights=Path(str(weights).replace("{seed}", str(seed))))
+    return replace(config, agent=agent, seed=seed)
 
 
 def _is_same(old: Config, new: Config) -> bool:

@@ -16,11 +16,12 @@ from rich.live import Live
 from rich.table import Table
 from tyro.conf import Positional
 
+from agents.algorithms import GENERALISTS
 from agents.checkpoint import Run, write_file
 from agents.provenance import ROOT
 from agents.rollout import TOLERANCE
 from train import resume
-from train.config import TrainConfig, record_of
+from train.config import GeneralistConfig, TrainConfig, record_of
 from train.plan import Plan
 from train.run import train
 
@@ -64,8 +65,8 @@ class Sweep:
     def __init__(self, plan: Plan, retries: int) -> None:
         self.plan, self.retries = plan, retries
         self.states: dict[Path, str] = {}
-        self.waiting: deque[TrainConfig] = deque()
-        self.running: dict[Any, TrainConfig] = {}  # by Ray's name of the task
+        self.waiting: deque[TrainConfig | GeneralistConfig] = deque()
+        self.running: dict[Any, TrainConfig | GeneralistConfig] = {}  # by Ray's name of the task
         self.failures: Counter[Path] = Counter()
         self.began, self.trained = time.monotonic(), 0
         for config in plan.configs():
@@ -103,7 +104,8 @@ class Sweep:
 
     def _cell(self, setting: str, algorithm: str) -> str:
         counts = Counter(self.states[self.plan.folder(setting, algorithm, n)] for n in range(self.plan.seeds))
-        said = [f"{counts['exact'] + counts['ended']}/{self.plan.seeds}", f"{counts['exact']} exact"]
+        said = [f"{counts['exact'] + counts['ended']}/{self.plan.seeds}"]
+        said += [] if algorithm in GENERALISTS else [f"{counts['exact']} exact"]
         return ", ".join(said + [f"{counts[state]} {state}" for state in ("running", "failed") if counts[state]])
 
     def _caption(self) -> str:
@@ -116,7 +118,7 @@ class Sweep:
         left = passed / self.trained * (len(self.waiting) + len(self.running) / 2)
         return f"{said}, about {timedelta(seconds=round(left))} left"
 
-    def _begin(self, config: TrainConfig) -> None:
+    def _begin(self, config: TrainConfig | GeneralistConfig) -> None:
         self.states[_folder(config)] = "running"
         self.running[_train.remote(config)] = config
 
@@ -135,7 +137,7 @@ class Sweep:
             self.waiting.append(config)
         return f"{folder}: {said}"
 
-    def _fail(self, config: TrainConfig, error: Exception) -> str:
+    def _fail(self, config: TrainConfig | GeneralistConfig, error: Exception) -> str:
         folder, cause = _folder(config), getattr(error, "cause", error)
         reason = f"{type(cause).__name__}: {cause}"
         self.failures[folder] += 1
@@ -149,7 +151,7 @@ class Sweep:
 
 
 @ray.remote(num_cpus=1, max_calls=1, max_retries=0)  # a process for each run, so that none depends on another
-def _train(config: TrainConfig) -> str:
+def _train(config: TrainConfig | GeneralistConfig) -> str:
     """Train a run, or go on with it; begins anew where it cannot go on. Returns its result in a line."""
     folder = _folder(config)
     if folder.exists():
@@ -179,10 +181,10 @@ def _state(folder: Path) -> str:
     manifest = Run.open(folder).manifest
     if manifest.status not in resume.ENDED:
         return "failed" if manifest.status == "failed" else "waiting"
-    best = manifest.models.get("best")
-    return "exact" if best and best.ratio is not None and best.ratio <= 1.0 + TOLERANCE else "ended"
+    ratio = getattr(manifest.models.get("best"), "ratio", None)  # a generalist has none: nothing is exact everywhere
+    return "exact" if ratio is not None and ratio <= 1.0 + TOLERANCE else "ended"
 
 
-def _folder(config: TrainConfig) -> Path:
+def _folder(config: TrainConfig | GeneralistConfig) -> Path:
     assert config.out is not None  # a plan names it
     return config.out

@@ -28,7 +28,7 @@ class ExplorerConfig(MapAgentConfig):
     network: ClassVar[NetworkName] = "explorer"
     network_settings: ClassVar[tuple[str, ...]] = ("width",)
 
-    total_timesteps: int = 256_000
+    total_timesteps: int = 192_000
     """Steps of the whole schedule, counted over all robots."""
     learning_rate: float = 2e-3
     robots: int = 64
@@ -103,7 +103,7 @@ class RecurrentPpoConfig(ScenesPpoConfig):
     algorithm: ClassVar[Algorithm | Generalist] = "recurrent_ppo"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "lstm_hidden_size")
 
-    total_timesteps: int = 500_000
+    total_timesteps: int = 300_000
     net_arch: tuple[int, ...] = (128,)
     batch_size: int = 2048
     n_epochs: int = 4
@@ -122,7 +122,7 @@ class MapPpoConfig(ScenesPpoConfig):
     algorithm: ClassVar[Algorithm | Generalist] = "map_ppo"
     observation: ClassVar[Observation] = "map"
 
-    total_timesteps: int = 300_000
+    total_timesteps: int = 200_000
     n_epochs: int = 3
     learning_rate: float = 5e-4
 

@@ -175,7 +175,7 @@ class UNetConfig(ImitationConfig):
     network: ClassVar[NetworkName] = "unet"
     network_settings: ClassVar[tuple[str, ...]] = ("width", "passes")
 
-    total_scenes: int = 24_000
+    total_scenes: int = 60_000
     learning_rate: float = 2e-3
     to_go_coef: float = 0.5
     width: int = 16
@@ -192,7 +192,7 @@ class VinConfig(ImitationConfig):
     network: ClassVar[NetworkName] = "vin"
     network_settings: ClassVar[tuple[str, ...]] = ("rounds", "actions", "width")
 
-    total_scenes: int = 24_000
+    total_scenes: int = 12_000
     learning_rate: float = 2e-3
     rounds: int = 60
     """Rounds of value iteration."""

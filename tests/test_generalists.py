@@ -68,7 +68,8 @@ def test_each_generalist_trains_into_a_run_and_goes_on_as_if_never_interrupted(t
     whole = Run.open(tmp_path / "whole")
     assert (whole.manifest.status, whole.is_generalist, whole.manifest.checkpoints) == ("finished", True, ())
     rows = curve(whole.folder)
-    assert int(rows[-1]["steps"]) == whole.manifest.models["last"].steps == settings_of(whole).agent.total_timesteps
+    planned = settings_of(whole).agent.total_timesteps  # an explorer's last walk may be longer than what was left
+    assert planned <= int(rows[-1]["steps"]) == whole.manifest.models["last"].steps < planned + 64
     assert max(float(row["spl"]) for row in rows) == whole.manifest.models["best"].spl
 
     save, written = Run.save_checkpoint, []

@@ -137,7 +137,7 @@ GENERALIST_DEFAULTS: dict[Generalist, GeneralistConfig] = {
     for agent, test in (
         (PlannerConfig(), 1_200),
         (UNetConfig(), 6_000),
-        (VinConfig(), 6_000),
+        (VinConfig(), 3_000),
         (PlannerPpoConfig(), 50_000),
         (UNetPpoConfig(), 100_000),
         (MapPpoConfig(), 100_000),

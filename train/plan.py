@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from agents.algorithms import Algorithm, Generalist
+from agents.algorithms import Trainable
 from agents.checkpoint import COPIES, Run
 from agents.manifest import Config
 from agents.rollout import arguments_of, evaluation_env
@@ -32,7 +32,7 @@ class Setting(_Table):
     In ``agent.weights``, ``{seed}`` stands for the seed of the run.
     """
 
-    algorithms: tuple[Algorithm | Generalist, ...] | None = None
+    algorithms: tuple[Trainable, ...] | None = None
     """In place of those of the whole sweep."""
     env: dict[str, Any] = {}
     agent: dict[str, Any] = {}
@@ -45,7 +45,7 @@ class Plan(_Table):
     out: Path
     """Folder of the run folders, ``SETTING/ALGORITHM/seedN``."""
     seeds: int = Field(ge=1)
-    algorithms: tuple[Algorithm | Generalist, ...] = Field(min_length=1)
+    algorithms: tuple[Trainable, ...] = Field(min_length=1)
     settings: dict[Name, Setting] = Field(min_length=1)
 
     @classmethod
@@ -67,7 +67,7 @@ class Plan(_Table):
         except ValueError as error:
             raise PlanError(f"{file}: {error}") from None
 
-    def cells(self) -> Iterator[tuple[str, Algorithm | Generalist]]:
+    def cells(self) -> Iterator[tuple[str, Trainable]]:
         """Each setting with each of its algorithms."""
         for name, setting in self.settings.items():
             for algorithm in setting.algorithms or self.algorithms:
@@ -110,7 +110,7 @@ class Plan(_Table):
             if config.out.exists() and not _is_same(Run.open(config.out).config, record_of(config)):
                 raise PlanError(f"{str(config.out)!r} holds a run with other settings: name another folder as out")
 
-    def _configured(self, name: str, algorithm: Algorithm | Generalist) -> TrainConfig | GeneralistConfig:
+    def _configured(self, name: str, algorithm: Trainable) -> TrainConfig | GeneralistConfig:
         where, setting, default = f"settings.{name}", self.settings[name], defaults_of(algorithm)
         assert default is not None  # all algorithms have some
         try:

@@ -43,14 +43,21 @@ def load(algorithm: Algorithm | Generalist, content: bytes) -> Any:
     A network's file is unpickled in part, which runs what stands in it: load only what is known by its SHA-256. Files
     of tables, of networks over maps and of explorers hold plain arrays.
     """
-    if algorithm == "explorer":
-        from agents.explorer_policy import Explorer
-
-        return Explorer.load(content)
     if algorithm not in _CLASSES:
-        from agents.map_policy import MapPolicy
-
-        return MapPolicy.load(content)
+        return read_network(content)
     # The class of a replay buffer is left out: it is for learning, and SB3 warns of it beside n-step returns.
     left_out = {"replay_buffer_class": None}
     return model_class(algorithm).load(BytesIO(content), device="cpu", custom_objects=left_out)
+
+
+def read_network(content: bytes) -> Any:
+    """The policy in a file of arrays: that of a network over maps, or an explorer.
+
+    Raises ``NetworkFileError``, a ``ValueError``, where the file holds none.
+    """
+    from agents.explorer_policy import Explorer
+    from agents.map_network import unpack_network
+    from agents.map_policy import MapPolicy
+
+    name, settings, network = unpack_network(content)
+    return Explorer(settings, network) if name == "explorer" else MapPolicy(name, settings, network)

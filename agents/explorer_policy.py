@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.map_network import NetworkFileError, pack_network, unpack_network
+from agents.map_network import pack_network
 from agents.seen import Seen, parts_of
 from agents.sight import decode
 
@@ -71,14 +71,6 @@ class Explorer:
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""
         file.write(pack_network("explorer", self.settings, self.network))
-
-    @classmethod
-    def load(cls, content: bytes) -> "Explorer":
-        """Policy from the content of such a file; raises `NetworkFileError` where it is none."""
-        name, settings, network = unpack_network(content)
-        if name != "explorer":
-            raise NetworkFileError(f"the file holds {name!r}, a network over whole maps, not one of an explorer")
-        return cls(settings, network)
 
     def _blank(self, robots: int, radius: int) -> Memory:
         cells = self.shape[0] * self.shape[1]

@@ -70,17 +70,17 @@ def masked_random(env: gymnasium.Env[Any, Any], seed: int | None = None) -> Cell
 
 def greedy(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
     """The feasible move with the least length plus octile distance from its end to the goal: the greatest reward."""
-    return _policy(env, lambda world, goal: _cheapest(world, _octile(world, goal)), seed)
+    return _policy(env, RULES["greedy"], seed)
 
 
 def greedy_margin(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
     """The feasible move with the greatest gain, among those that come nearer to the goal if there are any."""
-    return _policy(env, _greatest_gain, seed)
+    return _policy(env, RULES["greedy_margin"], seed)
 
 
 def oracle(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
     """The first move of a shortest feasible path."""
-    return _policy(env, lambda world, goal: _cheapest(world, tabulate(world, goal).distance_to_go), seed)
+    return _policy(env, RULES["oracle"], seed)
 
 
 def replanning(env: gymnasium.Env[Any, Any], seed: int | None = None) -> Replanner:
@@ -132,3 +132,11 @@ def _only(value: Floats, is_open: Bools) -> Bools:
     """The open action with the greatest value, as a choice of one; of equals the first."""
     best = np.where(is_open, value, -np.inf).argmax(axis=-1)
     return is_open & (np.arange(8) == best[..., None])
+
+
+# The rules that leave one action, and so need no draw.
+RULES: dict[str, Rule] = {
+    "oracle": lambda world, goal: _cheapest(world, tabulate(world, goal).distance_to_go),
+    "greedy": lambda world, goal: _cheapest(world, _octile(world, goal)),
+    "greedy_margin": _greatest_gain,
+}

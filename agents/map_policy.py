@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.map_network import STILL, pack_network, unpack_network
+from agents.map_network import STILL, pack_network
 from agents.map_settings import NetworkName
 
 _REMEMBERED = 2**26  # bytes of logits
@@ -52,11 +52,6 @@ class MapPolicy:
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""
         file.write(pack_network(self.name, self.settings, self.network))
-
-    @classmethod
-    def load(cls, content: bytes) -> "MapPolicy":
-        """Policy from the content of such a file."""
-        return cls(*unpack_network(content))
 
     def _logits(self, maps: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         """Logits ``(8, X, Y)`` of each of the maps ``(B, 3, X, Y)``."""

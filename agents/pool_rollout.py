@@ -57,19 +57,24 @@ def play(policy: Policy, pool: Pool, observation: Observation = "flat", max_step
     observation
         What other policies see; the patch has the environment's usual radius.
     max_steps
-        Steps after which an episode ends: by default the environment's 400, and more on maps larger than 40 x 40.
+        Steps after which an episode ends; those of `most_steps` by default.
 
     Raises
     ------
     ValueError
         Where the policy cannot see maps of this size.
     """
-    max_steps = max(400, 5 * sum(pool.shape)) if max_steps is None else max_steps
+    max_steps = most_steps(pool) if max_steps is None else max_steps
     if isinstance(policy, MapPolicy):
         return follow(plan_pool(policy.network, pool), pool, max_steps)
     if isinstance(policy, Explorer):
         policy = replace(policy, shape=pool.shape)
     return roll_out_pool(policy, pool, observation, max_steps)
+
+
+def most_steps(pool: Pool) -> int:
+    """Steps after which an episode ends: the environment's 400, and more on maps larger than 40 x 40."""
+    return max(400, 5 * sum(pool.shape))
 
 
 def roll_out_pool(policy: Policy, pool: Pool, observation: Observation, max_steps: int) -> Episodes:

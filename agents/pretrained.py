@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from agents import provenance
-from agents.algorithms import model_class
+from agents.algorithms import GENERALISTS, LOCAL, load, model_class
 from agents.checkpoint import write_file
 from agents.manifest import Config, Record
 from agents.problem import Problem, problem_of
 from agents.rollout import Episode, arguments_of, roll_out
+from irs_gym.random_task import random_task_of
+from irs_gym.splits import split_of
 from irs_gym.task import Task, task_of
 
 MODELS = provenance.ROOT / "models"
@@ -75,11 +77,26 @@ class Entry(Record):
         return problem_of(self.task)
 
 
+class GeneralistModel(Record):
+    """A model that learned on many scenes: its file, where it comes from, and its score on validation scenes."""
+
+    file: str = Field(pattern=r"^[\w.-]+\.npz$")
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    config: Config
+    steps: int
+    chosen_among: int  # runs; the model is that of the greatest SPL
+    success: float
+    spl: float
+    versions: dict[str, str]
+    commit: str | None
+
+
 class Models(Record):
     """What ``models/manifest.json`` holds."""
 
     format_version: Literal[1] = 1
     models: tuple[Entry, ...] = ()
+    generalists: tuple[GeneralistModel, ...] = ()
 
     @classmethod
     def read(cls, folder: Path) -> "Models":
@@ -93,6 +110,14 @@ class Models(Record):
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"])) or "the file"
             raise PretrainedError(f"{str(path)!r} is damaged: {where}: {first['msg']}") from None
+
+    def find_generalist(self, algorithm: str) -> GeneralistModel:
+        """The model of an algorithm that learned on many scenes; the `PretrainedError` for none lists all."""
+        for entry in self.generalists:
+            if entry.config.algorithm == algorithm:
+                return entry
+        known = ", ".join(each.config.algorithm for each in self.generalists) or "none"
+        raise PretrainedError(f"no pretrained {algorithm!r} for many scenes; there are {known}")
 
     def find(self, algorithm: str, task: Task) -> Entry:
         """The model of an algorithm for a task's problem; the `PretrainedError` for none lists all."""
@@ -128,20 +153,43 @@ class Pretrained:
         return roll_out(self, self.make_env())
 
 
-def load_pretrained(algorithm: str, *, folder: str | Path = MODELS, **env: Any) -> Pretrained:
+@dataclass(frozen=True)
+class PretrainedGeneralist:
+    """A pretrained policy for scenes that it has never seen, as the environment of `make_env` shows them."""
+
+    entry: GeneralistModel
+    policy: Any
+    """`agents.map_policy.MapPolicy` or `agents.explorer_policy.Explorer`."""
+    env: dict[str, Any]
+    """Arguments of `irs_gym.random_task.RandomTask`."""
+
+    @property
+    def predict(self) -> Callable[..., tuple[NDArray[np.int64], Any]]:
+        """The `predict` of `agents.policy.Policy`; an explorer needs its ``state`` handed back."""
+        predict: Callable[..., tuple[NDArray[np.int64], Any]] = self.policy.predict
+        return predict
+
+    def make_env(self, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
+        """`IrsNavRandom-v0` over the test scenes, unless other arguments were given."""
+        return gymnasium.make("irs_gym:IrsNavRandom-v0", render_mode=render_mode, **self.env)
+
+
+def load_pretrained(algorithm: str, *, folder: str | Path = MODELS, **env: Any) -> Pretrained | PretrainedGeneralist:
     """A pretrained policy for the environment with these arguments.
 
-    ``load_pretrained("ppo", target_db=-61.8)`` is a policy that fits ``load_pretrained(...).make_env()``.
+    ``load_pretrained("ppo", target_db=-61.8)`` is a policy that fits ``load_pretrained(...).make_env()``, and so is
+    ``load_pretrained("planner", split="test")``.
 
     Parameters
     ----------
     algorithm
-        ``"ppo"`` or ``"dqn"``.
+        ``"ppo"`` or ``"dqn"`` for one task; ``"planner"``, ``"explorer"`` and others for scenes never seen.
     folder
         Folder of the models.
     **env
         Arguments of `irs_gym.task.Task`. Those that make the problem choose the model; of the others, such as
-        ``observation``, each that is given must be what the model was trained with.
+        ``observation``, each that is given must be what the model was trained with. For scenes never seen, arguments of
+        `irs_gym.random_task.RandomTask`.
 
     Raises
     ------
@@ -150,18 +198,16 @@ def load_pretrained(algorithm: str, *, folder: str | Path = MODELS, **env: Any) 
     ValueError
         `PretrainedError` where there is no such model, or its file is not the one of the manifest.
     """
-    entry = Models.read(Path(folder)).find(algorithm, task_of(env))
+    models = Models.read(Path(folder))
+    if algorithm in GENERALISTS:
+        return _load_generalist(models.find_generalist(algorithm), Path(folder), env)
+    entry = models.find(algorithm, task_of(env))
     fixed = {each.name for each in fields(Problem)} | {"random_start"}
     for name in sorted(set(env) - fixed):
         trained = getattr(entry.task, name)
         if env[name] != trained:
             raise PretrainedError(f"{entry.file} was trained with {name}={trained!r}, not {env[name]!r}")
-    path = Path(folder) / entry.file
-    content = path.read_bytes()
-    digest = sha256(content).hexdigest()
-    if digest != entry.sha256:
-        raise PretrainedError(f"{str(path)!r} is not loaded: its SHA-256 is {digest}, in the manifest {entry.sha256}")
-    with np.load(BytesIO(content), allow_pickle=False) as arrays:
+    with np.load(BytesIO(_read(entry, Path(folder))), allow_pickle=False) as arrays:
         return Pretrained(entry, _build(entry, dict(arrays)))
 
 
@@ -172,13 +218,40 @@ def pack(policy: Any) -> bytes:
     return content.getvalue()
 
 
-def write_models(folder: Path, entries: Sequence[Entry], contents: Mapping[str, bytes]) -> None:
+def write_models(
+    folder: Path,
+    entries: Sequence[Entry],
+    contents: Mapping[str, bytes],
+    generalists: Sequence[GeneralistModel] = (),
+) -> None:
     """Write files by their names, then a manifest that lists all entries."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         write_file(folder / name, content)
-    manifest = Models(models=tuple(entries))
+    manifest = Models(models=tuple(entries), generalists=tuple(generalists))
     write_file(folder / "manifest.json", (manifest.model_dump_json(indent=1) + "\n").encode())
+
+
+def _read(entry: Entry | GeneralistModel, folder: Path) -> bytes:
+    path = folder / entry.file
+    content = path.read_bytes()
+    digest = sha256(content).hexdigest()
+    if digest != entry.sha256:
+        raise PretrainedError(f"{str(path)!r} is not loaded: its SHA-256 is {digest}, in the manifest {entry.sha256}")
+    return content
+
+
+def _load_generalist(entry: GeneralistModel, folder: Path, env: Mapping[str, Any]) -> PretrainedGeneralist:
+    is_local = entry.config.algorithm in LOCAL
+    task = random_task_of({"split": "test", **env} if "scenes" not in env else dict(env))
+    if "observation" in env and (env["observation"] == "map") is is_local:
+        kind = "'dict' or 'flat'" if is_local else "'map'"
+        raise PretrainedError(f"{entry.file} was trained with observation={kind}, not {env['observation']!r}")
+    policy = load(entry.config.algorithm, _read(entry, folder))
+    if is_local and task.scenes is None:
+        policy = replace(policy, shape=split_of(task.split).frame)
+    own = {"observation": "flat" if is_local else "map", **({} if "scenes" in env else {"split": "test"})}
+    return PretrainedGeneralist(entry, policy, {**own, **env})
 
 
 def _build(entry: Entry, weights: Mapping[str, NDArray[np.float32]]) -> Any:

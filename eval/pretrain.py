@@ -11,10 +11,12 @@ from rich.progress import track
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from agents.pretrained import MODELS, Entry, Models, Score, load_pretrained, pack, write_models
+from agents.algorithms import keeps_arrays
+from agents.checkpoint import Run
+from agents.pretrained import MODELS, Entry, GeneralistModel, Models, Score, load_pretrained, pack, write_models
 from agents.problem import Problem
 from agents.rollout import arguments_of
-from eval.results import Result, find_runs, read_results
+from eval.results import COMPLETE, Result, find_runs, read_results
 from irs_gym.scene import scene_names
 
 
@@ -25,7 +27,8 @@ def main(
 ) -> int:
     """Keep the best policy of each algorithm on each problem among all runs below a folder.
 
-    Best is the shortest path, then the fewest steps to the optimum. Models of other problems stay as they are.
+    Best is the shortest path, then the fewest steps to the optimum; of agents that learned on many scenes, the greatest
+    SPL on the scenes that they were tested on, and of equals the first seed. Other models stay as they are.
 
     Parameters
     ----------
@@ -34,20 +37,29 @@ def main(
     out
         Folder of the models and their manifest.
     algorithms
-        Algorithms with networks whose models are kept.
+        Algorithms with networks whose models are kept; of those that learn on many scenes, all whose files hold plain
+        arrays are.
     """
     try:
-        results, left_out = read_results(track(find_runs(folder), "reading runs", transient=True))
+        folders = find_runs(folder)
+        runs = generalists_among(folders)
+        others = [each for each in folders if each not in {run.folder for run in runs}]
+        results, left_out = read_results(track(others, "reading runs", transient=True))
         chosen = choose([each for each in results if each.config.algorithm in algorithms])
-        if not chosen:
+        if not chosen and not runs:
             raise ValueError(f"no complete run of {' or '.join(algorithms)} below {str(folder)!r} reached the goal")
         entries = keep(chosen, out)
+        generalists = keep_generalists(runs, out)
     except (OSError, ValueError) as error:
         print(f"python -m eval pretrain: {error}", file=sys.stderr)
         return 2
     for each in left_out:
         print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
-    Console().print(_table(entries, out))
+    if entries:
+        Console().print(_table(entries, out))
+    for each in generalists:
+        place = f"the best of {each.chosen_among}: success {each.success:.3f}, SPL {each.spl:.4f}"
+        print(f"{out / each.file}: seed {each.config.seed}, {place}")
     return 0
 
 
@@ -99,11 +111,55 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
     replaced = set(contents)
     others = [each for each in Models.read(out).models if each.file not in replaced]
     both = sorted([*others, *entries], key=lambda each: (each.config.algorithm, each.problem.order))
-    write_models(out, both, contents)
+    write_models(out, both, contents, Models.read(out).generalists)
     for entry in entries:
         found = load_pretrained(entry.config.algorithm, folder=out, **arguments_of(entry.task)).play()
         if Score.of(found) != entry.score:
             raise ValueError(f"{entry.file} does not do what its run did: {Score.of(found)} is not {entry.score}")
+    return entries
+
+
+def generalists_among(folders: Sequence[Path]) -> list[Run]:
+    """The complete runs over many scenes whose models are files of plain arrays."""
+    runs = []
+    for folder in folders:
+        try:
+            run = Run.open(folder)
+        except ValueError:
+            continue  # told of with the others
+        if run.is_generalist and keeps_arrays(run.config.algorithm) and run.manifest.status in COMPLETE:
+            runs.append(run)
+    return runs
+
+
+def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistModel]:
+    """Write the best model of each algorithm over many scenes, and the manifest; returns the entries written."""
+    by_algorithm: dict[str, list[Run]] = {}
+    for run in runs:
+        by_algorithm.setdefault(run.config.algorithm, []).append(run)
+    entries, contents = [], {}
+    for algorithm, found in sorted(by_algorithm.items()):
+        best = max(found, key=lambda run: (run.manifest.models["best"].spl, -run.config.seed))
+        manifest, content = best.manifest, best.read_model()
+        model = manifest.models["best"]
+        entries.append(
+            GeneralistModel(
+                file=f"{algorithm}.npz",
+                sha256=model.sha256,
+                config=best.config,
+                steps=model.steps,
+                chosen_among=len(found),
+                success=model.success,
+                spl=model.spl,
+                versions=manifest.versions,
+                commit=manifest.commit,
+            )
+        )
+        contents[f"{algorithm}.npz"] = content
+    kept = Models.read(out)
+    others = [each for each in kept.generalists if each.file not in contents]
+    both = sorted([*others, *entries], key=lambda each: each.config.algorithm)
+    write_models(out, kept.models, contents, both)
     return entries
 
 

@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,12 +16,16 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from agents import provenance
+from agents.algorithms import GENERALISTS, read_network
 from agents.checkpoint import Run, write_file
 from agents.heuristics import REFERENCES
 from agents.policy import Policy
+from agents.pool_rollout import play as play_pool
+from agents.pretrained import load_pretrained
 from agents.rollout import Episode, evaluation_env, roll_out
 from eval.overlay import draw_paths
-from eval.unseen import pools_of, score_unseen, unseen_table, write_unseen
+from eval.unseen import REFERENCES as UNSEEN_REFERENCES
+from eval.unseen import Player, player_of, pools_of, reference, score_unseen, unseen_table, write_unseen
 from irs_gym.pool import Pool
 
 RANDOM = ("masked_random", "random")  # judged by many episodes; from a fixed start the others always do the same
@@ -85,7 +90,7 @@ def play(
 
 
 def main(
-    runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN [RUN ...]", help_behavior_hint="")],
+    runs: Annotated[Positional[tuple[str, ...]], arg(metavar="RUN|MODEL [...]", help_behavior_hint="")],
     model: Literal["best", "last"] = "best",
     episodes: int = 100,
     seed: int = 0,
@@ -97,12 +102,14 @@ def main(
     """Score runs against the oracle.
 
     Agents of one task play it from its fixed start: scores.json and paths.png are written into each run folder.
-    Agents that learned on many scenes play scenes that they have never seen, and the paper's: unseen.json is written.
+    Agents that learned on many scenes play scenes that they have never seen, and the paper's: unseen.json is written
+    into each run folder.
 
     Parameters
     ----------
     runs
-        Run folders.
+        Run folders; for unseen scenes also pretrained models (planner, explorer ...), their files, and reference
+        policies (oracle, replanning, greedy, greedy_margin).
     model
         Whether the best or the last state of the agent is scored.
     episodes
@@ -122,18 +129,37 @@ def main(
         print("python -m eval score: name one run folder or more, 1 episode or more, and a split", file=sys.stderr)
         return 2
     try:
-        opened = [Run.open(folder) for folder in runs]
-        is_unseen = [each.is_generalist if env is None and scenes is None else env != "IrsNav-v0" for each in opened]
+        opened = [_open(each) for each in runs]
+        is_unseen = [
+            isinstance(each, Player) or (each.is_generalist if env is None and scenes is None else env != "IrsNav-v0")
+            for each in opened
+        ]
+        if env == "IrsNav-v0" and any(isinstance(each, Player) for each in opened):
+            raise ValueError("env='IrsNav-v0' plays run folders alone, with all reference policies beside them")
         pools = pools_of(split, num_scenes, scenes) if any(is_unseen) else {}
-        for run, unseen in zip(opened, is_unseen, strict=True):
-            if unseen:
-                score_generalist(run, model, pools)
+        for each, unseen in zip(opened, is_unseen, strict=True):
+            if isinstance(each, Player):
+                print(each.name)
+                Console().print(unseen_table(score_unseen(each, pools)))
+            elif unseen:
+                score_generalist(each, model, pools)
             else:
-                score_run(run, model, episodes, seed)
+                score_run(each, model, episodes, seed)
     except (OSError, ValueError) as error:
         print(f"python -m eval score: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _open(name: str) -> Run | Player:
+    """A run folder, or what plays unseen scenes without one."""
+    if name in UNSEEN_REFERENCES:
+        return reference(name)
+    if name in GENERALISTS and not Path(name).exists():
+        return Player(name, partial(play_pool, load_pretrained(name).policy))
+    if name.endswith(".npz"):
+        return Player(name, partial(play_pool, read_network(Path(name).read_bytes())))
+    return Run.open(name)
 
 
 def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
@@ -181,7 +207,7 @@ def score_generalist(run: Run, model: str, pools: dict[str, Pool]) -> None:
     ValueError
         Where the run is damaged, or its policy acts in its own scene alone.
     """
-    found = score_unseen(run, model, pools)
+    found = score_unseen(player_of(run, model), pools)
     path = write_unseen(run, model, found)
     print(f"{run.folder}: {model} model, after {run.manifest.models[model].steps:,} steps")
     Console().print(unseen_table(found))

@@ -1,8 +1,9 @@
-"""`score_unseen`: how a generalist does on scenes that it did not learn on, with the hard ones apart."""
+"""`Player` and `UnseenScore`: how policies do on scenes that they did not learn on, with the hard ones apart."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,28 @@ from rich.table import Table
 
 from agents import provenance
 from agents.checkpoint import Run, RunError, write_file
-from agents.pool_rollout import Episodes, play
+from agents.heuristics import RULES
+from agents.pool_rollout import Episodes, follow, most_steps, play
+from agents.replanning import Replanner
 from agents.rollout import TOLERANCE
 from irs_gym.grid import octile_distance
 from irs_gym.pool import Pool, build_pool, pool_of
+from irs_gym.random_task import RandomTask, build_worlds
 from irs_gym.scene import Scene, load_scene
+from irs_gym.task import Task
 
 HARD = 1.2  # a detour (oracle's distance over octile distance) above which a scene is hard
 PAPER_TARGETS_DB = (-63.0, -62.0, -61.8, -61.0, -60.0)
+REFERENCES = ("oracle", "replanning", "greedy", "greedy_margin")  # which do the same in every episode
+
+
+@dataclass(frozen=True)
+class Player:
+    """A policy that is scored on unseen scenes."""
+
+    name: str
+    episodes: Callable[[Pool], Episodes]
+    """Its episode in each scene of a pool; a ``ValueError`` says why there can be none."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +61,43 @@ class UnseenScore:
     spl: float | None
     ratio: float | None
     exact: float | None
+
+
+Found = Mapping[str, tuple[Episodes, UnseenScore, UnseenScore]]
+"""By the name of a set: the episodes, and the scores on all scenes and on the hard ones."""
+
+
+def player_of(run: Run, model: str = "best") -> Player:
+    """The policy of a run over many scenes.
+
+    Raises
+    ------
+    RunError
+        Where the run's policy acts in its own scene alone, or its file is damaged.
+    """
+    if not run.is_generalist:
+        raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone")
+    algorithm = run.config.algorithm
+    observation = "map" if algorithm == "map_ppo" else "flat"
+    return Player(algorithm, partial(play, run.load_model(model), observation=observation))
+
+
+def reference(name: str) -> Player:
+    """One of `REFERENCES`."""
+    return Player(name, replan if name == "replanning" else partial(apply, name))
+
+
+def replan(pool: Pool) -> Episodes:
+    """Episodes of optimistic replanning, which sees what a local agent sees."""
+    return play(Replanner(pool.shape, Task.patch_radius), pool)
+
+
+def apply(name: str, pool: Pool) -> Episodes:
+    """Episodes of one of `agents.heuristics.RULES`."""
+    worlds = build_worlds(RandomTask(scenes=pool))
+    each = ((worlds.world(n), worlds.world(n).goal) for n in range(len(pool)))
+    choices = np.stack([RULES[name](world, goal) for world, goal in each]).transpose(0, 3, 1, 2)
+    return follow(choices.astype(np.float32), pool, most_steps(pool))
 
 
 def score_of(episodes: Episodes, chosen: NDArray[np.bool_] | None = None) -> UnseenScore:
@@ -92,37 +144,33 @@ def read_scenes(folder: Path) -> Pool:
     return pool_of(scenes, [file.stem for file in files])
 
 
-def score_unseen(run: Run, model: str, pools: dict[str, Pool]) -> dict[str, tuple[Episodes, UnseenScore, UnseenScore]]:
-    """Episodes of a run's policy on each pool, and its scores on all scenes and on the hard ones.
-
-    Raises
-    ------
-    RunError
-        Where the run's policy does not act on whole maps.
-    """
-    if not run.is_generalist:
-        raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone")
-    policy, found = run.load_model(model), {}
-    observation = "map" if run.config.algorithm == "map_ppo" else "flat"
-    for name, pool in pools.items():
-        episodes = play(policy, pool, observation)
-        found[name] = (episodes, score_of(episodes), score_of(episodes, detours(pool) > HARD))
-    return found
+def score_unseen(player: Player, pools: Mapping[str, Pool]) -> Found:
+    """What a policy does on each pool; raises ``ValueError`` where it cannot play on one."""
+    played = {name: (player.episodes(pool), pool) for name, pool in pools.items()}
+    return {
+        name: (episodes, score_of(episodes), score_of(episodes, detours(pool) > HARD))
+        for name, (episodes, pool) in played.items()
+    }
 
 
-def write_unseen(run: Run, model: str, found: dict[str, tuple[Episodes, UnseenScore, UnseenScore]]) -> Path:
+def write_unseen(run: Run, model: str, found: Found) -> Path:
     """Write the scores into the run folder; returns the file."""
     record: dict[str, Any] = {
         "format_version": 1,
         "model": {"name": model, **run.manifest.models[model].model_dump()},
-        "config": run.config.model_dump(),
-        "scores": {name: {"all": asdict(whole), "hard": asdict(hard)} for name, (_, whole, hard) in found.items()},
+        "config": run.config.model_dump(mode="json"),
+        "scores": scores_as_json(found),
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
     path = run.folder / "unseen.json"
     write_file(path, (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
     return path
+
+
+def scores_as_json(found: Found) -> dict[str, Any]:
+    """The scores by the names of the sets."""
+    return {name: {"all": asdict(whole), "hard": asdict(hard)} for name, (_, whole, hard) in found.items()}
 
 
 def pools_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -> dict[str, Pool]:
@@ -132,7 +180,7 @@ def pools_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -> dic
     return {**{split: build_pool(split, num_scenes) for split in splits}, "paper": paper_pool()}
 
 
-def unseen_table(found: dict[str, tuple[Episodes, UnseenScore, UnseenScore]]) -> Table:
+def unseen_table(found: Found) -> Table:
     """The scores as a table for the terminal."""
     rows = Table(caption=f"hard: a detour above {HARD:g}; ratio: over successes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in ("scenes", "number", "success", "SPL", "ratio", "exact"):

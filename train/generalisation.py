@@ -28,7 +28,7 @@ class Generalisation(Evaluation):
     def _test(self) -> None:
         self.latest = episodes = play(self.model.policy, self.pool, self.observation)
         row = {"success": episodes.is_success.mean(), "spl": episodes.spl.mean(), "ratio": episodes.ratio}
-        is_best = self.best is None or row["spl"] > self.best.spl.mean()
+        is_best = self.best is None or row["spl"] >= self.best.spl.mean()  # of equals, the one that learned longest
         self._note(row, ("success", "spl"), is_best=is_best)
 
     def save(self, name: str) -> None:

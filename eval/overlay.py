@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
@@ -29,14 +30,17 @@ def draw_paths(world: World, paths: Mapping[str, Episode], dpi: int = 150, *, in
     """
     figure = Figure(figsize=(8.0, 6.6), layout="constrained")
     axes = figure.add_subplot()
-    _draw_map(figure, axes, world)
+    image = draw_map(axes, world)
+    bar = figure.colorbar(image, ax=axes, label="expected channel gain (dB)")
+    bar.ax.axhline(world.target_db, color="white", linewidth=4)
+    bar.ax.axhline(world.target_db, color="black", linewidth=1.5)
     for n, (name, episode) in enumerate(paths.items()):
         points = world.radio_map.grid.centres()[tuple(episode.path.T)]
         label = f"{name}: {episode.distance:.3f} m" + ("" if episode.is_success else ", goal not reached")
         line = axes.plot(*points.T, label=label, solid_capstyle="round", **_style(n))[0]
         if n == 0:
             line.set_path_effects(RIM)
-    _draw_ends(axes, world)
+    draw_ends(axes, world)
     handles, _ = axes.get_legend_handles_labels()
     handles += [
         Patch(facecolor="black", label="obstacle"),
@@ -54,26 +58,23 @@ def _style(n: int) -> dict[str, Any]:
     return {"color": COLOURS[(n - 1) % 5], "linestyle": DASHES[n % 3] if n > 1 else "-", "linewidth": 2.2}
 
 
-def _draw_map(figure: Figure, axes: Axes, world: World) -> None:
-    """Gain in colour, obstacles in black, cells below the target pale and hatched, the target on the colour bar."""
-    grid, gain_db, target_db = world.radio_map.grid, world.radio_map.gain_db, world.target_db
+def draw_map(axes: Axes, world: World) -> AxesImage:
+    """Gain in colour, obstacles in black, cells below the target pale and hatched."""
+    grid, gain_db = world.radio_map.grid, world.radio_map.gain_db
     (left, bottom), (right, top) = grid.origin, grid.upper
     free = world.radio_map.free
     image = axes.imshow(np.where(free, gain_db, np.nan).T, origin="lower", extent=(left, right, bottom, top))
     axes.set_facecolor("black")
-    bar = figure.colorbar(image, ax=axes, label="expected channel gain (dB)")
-    bar.ax.axhline(target_db, color="white", linewidth=4)
-    bar.ax.axhline(target_db, color="black", linewidth=1.5)
-
     below = np.argwhere(free & ~world.feasible)
     if len(below):
         corners = [grid.origin + cell * grid.cell_size for cell in below]
         squares = [Path.unit_rectangle().transformed(Affine2D().scale(grid.cell_size).translate(*at)) for at in corners]
         shape = Path.make_compound_path(*squares)
         axes.add_patch(PathPatch(shape, facecolor=(1, 1, 1, 0.55), edgecolor="0.35", hatch="////", linewidth=0))
+    return image
 
 
-def _draw_ends(axes: Axes, world: World) -> None:
+def draw_ends(axes: Axes, world: World, size: float = 10.0) -> None:
     """Start and goal, access points and panels; the last two are not known for a map from elsewhere."""
     grid = world.radio_map.grid
     marks = [("start", "D", "white", [grid.centre(world.start)]), ("goal", "s", "white", [grid.centre(world.goal)])]
@@ -83,7 +84,7 @@ def _draw_ends(axes: Axes, world: World) -> None:
     for label, marker, colour, points in marks:
         if points:
             x, y = zip(*points, strict=True)
-            axes.plot(x, y, marker, color=colour, markeredgecolor="black", markersize=10, label=label, clip_on=False)
+            axes.plot(x, y, marker, color=colour, markeredgecolor="black", markersize=size, label=label, clip_on=False)
 
 
 def _title(world: World) -> str:

@@ -96,6 +96,27 @@ def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) ->
     return Estimate(value, float(low), float(high))
 
 
+def paired_difference(differences: ArrayLike, *, rng: int = 0) -> Estimate:
+    """Mean of differences ``(seeds, scenes)``, one policy's score less another's in the same scene.
+
+    Seeds and scenes are both resampled, each on its own, so that the interval holds for other seeds and other scenes.
+    With one seed, scenes alone are.
+
+    Raises
+    ------
+    ValueError
+        Where there is no value, or one is NaN.
+    """
+    table = np.atleast_2d(np.asarray(differences, dtype=np.float64))
+    if table.size == 0 or np.isnan(table).any():
+        raise ValueError(f"differences {table.shape} must be (seeds, scenes), not empty and without NaN")
+    draws = np.random.default_rng(rng)
+    shares = [draws.multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES) / n for n in table.shape]
+    found = ((shares[0] @ table) * shares[1]).sum(axis=1)
+    low, high = _middle(found)
+    return Estimate(float(table.mean()), float(low), float(high), ONE_SEED if len(table) == 1 else "")
+
+
 def share(successes: int, seeds: int) -> Estimate:
     """Share of the seeds that succeeded, with the exact binomial interval of Clopper and Pearson.
 

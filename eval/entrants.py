@@ -1,0 +1,163 @@
+"""`Entrant`: a policy with what it did on each set of unseen scenes, over all its seeds."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.algorithms import LOCAL
+from agents.checkpoint import Run, write_file
+from agents.pool_rollout import Episodes
+from eval.results import COMPLETE, LeftOut, find_runs
+from eval.unseen import Player, player_of, reference
+from irs_gym.generator import VERSION
+from irs_gym.pool import Pool
+
+Track = Literal["map", "local"]
+TITLES = {
+    "planner": "planning network, imitation",
+    "planner_ppo": "planning network, PPO alone",
+    "unet": "U-Net, imitation",
+    "unet_ppo": "U-Net, imitation, then PPO",
+    "vin": "value-iteration network, imitation",
+    "map_ppo": "PPO (SB3), convolutional",
+    "explorer": "explorer: imitation with memory",
+    "local_ppo": "PPO (SB3)",
+    "recurrent_ppo": "RecurrentPPO (sb3-contrib)",
+    "replanning": "optimistic replanning",
+    "greedy": "greedy (octile)",
+    "greedy_margin": "greedy on the margin",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Entrant:
+    """Runs that differ in the seed alone, or a reference policy.
+
+    Attributes
+    ----------
+    algorithm, name, track
+        What it is, how it is called on the page, and what it sees.
+    scenes
+        Training scenes; None for a reference.
+    runs
+        In the order of their seeds; none for a reference.
+    episodes
+        By the name of a set, one for each run; a set that it cannot play is missing.
+    """
+
+    algorithm: str
+    name: str
+    track: Track
+    scenes: int | None
+    runs: tuple[Run, ...]
+    episodes: Mapping[str, Sequence[Episodes]]
+
+    @property
+    def seeds(self) -> list[int]:
+        """Of the runs."""
+        return [run.config.seed for run in self.runs]
+
+    def table(self, name: str, value: Callable[[Episodes], NDArray[Any]]) -> NDArray[np.float64]:
+        """A value of each episode in a set, ``(seeds, scenes)``."""
+        return np.stack([value(each) for each in self.episodes[name]]).astype(np.float64)
+
+
+def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
+    """Complete runs over many scenes below a folder, and the others."""
+    runs, left_out = [], []
+    for each in find_runs(folder):
+        try:
+            run = Run.open(each)
+            if not run.is_generalist:
+                raise ValueError(f"{run.config.algorithm} learned in one scene: it belongs on the scoreboard")
+            if run.manifest.status not in COMPLETE:
+                raise ValueError(f"has not ended: its status is {run.manifest.status!r}")
+            runs.append(run)
+        except (OSError, ValueError) as error:
+            left_out.append(LeftOut(str(each), str(error)))
+    return runs, left_out
+
+
+def enter(runs: Sequence[Run], pools: Callable[[Track], Mapping[str, Pool]], show: Callable[..., Any]) -> list[Entrant]:
+    """Play all runs on the sets of their tracks; what was played before is read from the run's folder.
+
+    ``show`` wraps the sequence of runs, to tell how far it is.
+    """
+    groups: dict[tuple[str, str], list[tuple[Run, dict[str, Episodes]]]] = {}
+    for run in show(sorted(runs, key=lambda run: run.config.seed)):
+        played = _play(run, pools(track_of(run.config.algorithm)))
+        groups.setdefault((run.config.algorithm, _settings(run)), []).append((run, played))
+    entrants = []
+    for (algorithm, settings), found in groups.items():
+        others = [json.loads(other) for name, other in groups if name == algorithm]
+        entrants.append(
+            Entrant(
+                algorithm=algorithm,
+                name=", ".join([TITLES[algorithm], *_differences(json.loads(settings), others)]),
+                track=track_of(algorithm),
+                scenes=found[0][0].config.env["num_scenes"],
+                runs=tuple(run for run, _ in found),
+                episodes={name: [each[name] for _, each in found] for name in found[0][1]},
+            )
+        )
+    order = list(TITLES)
+    return sorted(entrants, key=lambda each: (order.index(each.algorithm), each.name, each.scenes or 0))
+
+
+def enter_reference(name: str, pools: Mapping[str, Pool], folder: Path) -> Entrant:
+    """Play a reference policy of the local track; what was played before is read from the folder."""
+    player = reference(name)
+    episodes = {each: [kept(folder / f"{name}-{each}.npz", pool, "", player)] for each, pool in pools.items()}
+    return Entrant(name, TITLES[name], "local", None, (), episodes)
+
+
+def track_of(algorithm: str) -> Track:
+    """What an algorithm's policies see."""
+    return "local" if algorithm in LOCAL else "map"
+
+
+def kept(file: Path, pool: Pool, model: str, player: Player) -> Episodes:
+    """Episodes from a file, if they are those of this model, generator and pool; else played, and written there."""
+    names = json.dumps([VERSION, model, pool.names]).encode()
+    key = sha256(names + pool.oracle_distance.tobytes()).hexdigest()
+    if file.exists():
+        with np.load(file, allow_pickle=False) as arrays:
+            if str(arrays["key"]) == key:
+                return Episodes(arrays["is_success"], arrays["distance"], pool.oracle_distance)
+    found, content = player.episodes(pool), BytesIO()
+    np.savez_compressed(content, key=np.array(key), is_success=found.is_success, distance=found.distance)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_file(file, content.getvalue())
+    return found
+
+
+def _play(run: Run, pools: Mapping[str, Pool]) -> dict[str, Episodes]:
+    player, played = player_of(run), {}
+    for name, pool in pools.items():
+        try:
+            played[name] = kept(run.folder / f"unseen-{name}.npz", pool, run.manifest.models["best"].sha256, player)
+        except ValueError:  # a policy of SB3 sees maps of one size
+            if run.config.algorithm != "map_ppo":
+                raise
+    return played
+
+
+def _settings(run: Run) -> str:
+    """All that runs of one entrant have in common, but the weights to begin with, which are named by the seed."""
+    agent = {name: value for name, value in run.config.agent.items() if name != "weights"}
+    return json.dumps({"agent": agent, "env": run.config.env}, sort_keys=True)
+
+
+def _differences(own: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The agent's settings that set it apart from others of the same algorithm."""
+    agents = [each["agent"] for each in others]
+    return [
+        f"{name} {value}" for name, value in own["agent"].items() if any(each.get(name) != value for each in agents)
+    ]

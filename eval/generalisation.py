@@ -1,0 +1,232 @@
+"""`python -m eval generalisation`: all runs over many scenes on one page, on scenes that none of them has seen."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any
+
+import gymnasium
+import numpy as np
+import torch
+from rich.progress import track as progress
+from tyro.conf import Positional, arg
+
+from agents import provenance
+from agents.checkpoint import write_file
+from agents.pool_rollout import Episodes
+from agents.rollout import TOLERANCE, roll_out
+from eval.board import commands_of
+from eval.entrants import Entrant, Track, enter, enter_reference, find_generalists
+from eval.gallery import Scenery, choose, draw_gallery
+from eval.generalisation_page import draw_scenes_curve, markdown
+from eval.results import LeftOut
+from eval.standings import estimate_as_json
+from eval.statistics import Estimate, estimate, paired_difference
+from eval.throughput import throughput
+from eval.unseen import HARD, detours, paper_pool
+from irs_gym.generator import Difficulty, generate_scene
+from irs_gym.pool import Pool, build_pool, pool_of
+
+FIGURES = "figures/generalisation"
+SETS = ("test", "ood-clutter", "ood-irs", "ood-size")
+LARGEST = "160 x 160"
+LARGEST_SCENES = 50
+GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
+REFERENCES = ("replanning", "greedy", "greedy_margin")
+
+
+def main(
+    folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
+    out: Path = Path("docs"),
+    num_scenes: int = 1000,
+    local_size_scenes: int = 200,
+    trained_by: str | None = None,
+) -> int:
+    """Write generalisation.md, its data and its figures from all runs over many scenes below a folder.
+
+    What a run does on a set of scenes is kept in its folder, so that a second call is fast.
+
+    Parameters
+    ----------
+    folder
+        Folder with run folders, at any depth.
+    out
+        Folder of the page.
+    num_scenes
+        Scenes of each set, from the first on.
+    local_size_scenes
+        Scenes of ood-size in the local track, where a step on such a map costs a plan.
+    trained_by
+        The commands that trained the runs, to stand on the page, separated by semicolons.
+    """
+    try:
+        if min(num_scenes, local_size_scenes) < 1:
+            raise ValueError(f"num_scenes={num_scenes} and local_size_scenes={local_size_scenes} must be 1 or more")
+        runs, left_out = find_generalists(folder)
+        if not runs:
+            raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
+        torch.set_num_threads(1)  # two threads on a busy machine wait for each other
+        pools = {track: pools_of(track, num_scenes, min(num_scenes, local_size_scenes)) for track in ("map", "local")}
+        entrants = enter(runs, lambda track: pools[track], lambda each: progress(each, "playing", transient=True))
+        entrants += [enter_reference(name, pools["local"], folder / "references") for name in REFERENCES]
+        record = record_of(entrants, left_out, pools)
+        record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
+        figures = {"scenes.png": draw_scenes_curve(record["entrants"]), "gallery.png": gallery(entrants, pools)}
+        (out / FIGURES).mkdir(parents=True, exist_ok=True)
+        for name, content in figures.items():
+            write_file(out / FIGURES / name, content)
+        text = json.dumps(record, indent=1, allow_nan=False) + "\n"
+        write_file(out / "generalisation.json", text.encode())
+        write_file(out / "generalisation.md", markdown(record, FIGURES).encode())
+    except (OSError, ValueError) as error:
+        print(f"python -m eval generalisation: {error}", file=sys.stderr)
+        return 2
+    for each in left_out:
+        print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
+    print(f"{len(runs)} runs, {len(left_out)} left out; written: {out / 'generalisation.md'}")
+    return 0
+
+
+def pools_of(track: Track, num_scenes: int, local_size_scenes: int) -> dict[str, Pool]:
+    """The sets that a track is scored on."""
+    sizes = dict.fromkeys(SETS, num_scenes) | ({"ood-size": local_size_scenes} if track == "local" else {})
+    found = {name: build_pool(name, size) for name, size in sizes.items()}
+    if track == "map":
+        found[LARGEST] = largest_pool(min(LARGEST_SCENES, num_scenes))
+    return {**found, "paper": paper_pool()}
+
+
+@lru_cache(maxsize=1)
+def largest_pool(scenes: int) -> Pool:
+    """Scenes of four times the usual sides, with as many boxes for the area: maps of up to 160 x 160 cells."""
+    level = Difficulty(sides=(56.0, 80.0), boxes=(48, 192))
+    drawn = [generate_scene(np.random.default_rng([160, n]), level) for n in range(scenes)]
+    return pool_of(drawn, [f"large-{n}" for n in range(scenes)], frame=(160, 160))
+
+
+def record_of(
+    entrants: Sequence[Entrant], left_out: Sequence[LeftOut], pools: Mapping[Track, Mapping[str, Pool]]
+) -> dict[str, Any]:
+    """All that the page tells, as JSON holds it."""
+    rival = next(each for each in entrants if each.algorithm == "replanning")
+    runs = [run for each in entrants for run in each.runs]
+    manifests = [run.manifest for run in runs]
+    return {
+        "format_version": 1,
+        "hard": HARD,
+        "sets": {track: {name: _set_record(pool) for name, pool in some.items()} for track, some in pools.items()},
+        "entrants": [_entrant_record(each, pools[each.track], rival) for each in entrants],
+        "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],
+        "throughput": throughput(),
+        "trained_with": _unique([each.versions for each in manifests]),
+        "trained_from": _unique([each.commit for each in manifests]),
+        "versions": provenance.versions(),
+        "commit": provenance.commit(),
+    }
+
+
+def gallery(entrants: Sequence[Entrant], pools: Mapping[Track, Mapping[str, Pool]]) -> bytes:
+    """Four test scenes of one policy in a row: two long detours that it mastered, and its two worst."""
+    sceneries = []
+    shown = [next((each for each in entrants if each.algorithm == name), None) for name in GALLERY]
+    for each in shown:
+        if each is None:
+            continue
+        pool, run = pools[each.track]["test"], each.runs[0]
+        policy = run.load_model()
+        observation = "map" if each.track == "map" else "flat"
+        env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation)
+        for n in choose(each.episodes["test"][0].spl, detours(pool)):
+            episode = roll_out(policy, env, options={"scene_id": n})
+            inner: Any = env.unwrapped
+            sceneries.append(Scenery(each.name, pool.names[n], inner.world, episode, inner.oracle.cells))
+    return draw_gallery(sceneries)
+
+
+def _set_record(pool: Pool) -> dict[str, Any]:
+    return {"scenes": len(pool), "cells": list(pool.shape), "hard": int((detours(pool) > HARD).sum())}
+
+
+def _entrant_record(entrant: Entrant, pools: Mapping[str, Pool], rival: Entrant) -> dict[str, Any]:
+    return {
+        "algorithm": entrant.algorithm,
+        "name": entrant.name,
+        "track": entrant.track,
+        "training_scenes": entrant.scenes,
+        "seeds": entrant.seeds,
+        "steps_per_second": _speed(entrant),
+        "seconds": _seconds(entrant),
+        "sets": {
+            name: _results(entrant, name, pools[name], rival if entrant.track == "local" else None)
+            for name in entrant.episodes
+        },
+        "paper": _paper(entrant, pools["paper"]) if "paper" in entrant.episodes else None,
+    }
+
+
+def _results(entrant: Entrant, name: str, pool: Pool, rival: Entrant | None) -> dict[str, Any]:
+    """Success, SPL and the ratio over successes, over seeds, on all scenes and on the hard ones."""
+    success = entrant.table(name, lambda each: each.is_success)
+    spl = entrant.table(name, lambda each: each.spl)
+    ratio = entrant.table(name, lambda each: each.distance / each.oracle_distance)
+    found: dict[str, Any] = {}
+    for label, chosen in (("all", np.ones(len(pool), dtype=bool)), ("hard", detours(pool) > HARD)):
+        if not chosen.any():
+            continue
+        ratios = [float(row[chosen & (won > 0)].mean()) for row, won in zip(ratio, success, strict=True) if won.any()]
+        found[label] = {
+            "success": _json(estimate(success[:, chosen])),
+            "spl": _json(estimate(spl[:, chosen])),
+            "spl_by_seed": spl[:, chosen].mean(axis=1).tolist(),
+            "success_by_seed": success[:, chosen].mean(axis=1).tolist(),
+            "exact": float(((success > 0) & (ratio <= 1.0 + TOLERANCE))[:, chosen].mean()),
+            "ratio": float(np.mean(ratios)) if ratios and not np.isnan(ratios).any() else None,
+        }
+        if rival is not None and rival is not entrant:
+            theirs = rival.table(name, lambda each: each.spl)
+            found[label]["over_replanning"] = _json(paired_difference((spl - theirs)[:, chosen]))
+    return found
+
+
+def _paper(entrant: Entrant, pool: Pool) -> list[dict[str, Any]]:
+    """The paper's scene at each of its targets: seeds that reached the goal, and the mean ratio of these."""
+
+    def told(n: int) -> dict[str, Any]:
+        each: list[Episodes] = [some for some in entrant.episodes["paper"] if some.is_success[n]]
+        ratios = [float(some.distance[n] / some.oracle_distance[n]) for some in each]
+        return {
+            "target_db": float(pool.target_db[n]),
+            "successes": len(each),
+            "exact": sum(ratio <= 1.0 + TOLERANCE for ratio in ratios),
+            "of": len(entrant.episodes["paper"]),
+            "ratio": float(np.mean(ratios)) if ratios else None,
+        }
+
+    return [told(n) for n in range(len(pool))]
+
+
+def _seconds(entrant: Entrant) -> float | None:
+    """Median seconds of training, tests included."""
+    ends = [float(_last_row(run.folder)["seconds"]) for run in entrant.runs]
+    return float(np.median(ends)) if ends else None
+
+
+def _speed(entrant: Entrant) -> float | None:
+    """Median training steps a second, tests included; in imitation of whole maps, scenes a second."""
+    rows = [_last_row(run.folder) for run in entrant.runs]
+    return float(np.median([float(row["steps"]) / float(row["seconds"]) for row in rows])) if rows else None
+
+
+def _last_row(folder: Path) -> dict[str, str]:
+    heads, *rows = (folder / "learning_curve.csv").read_text().splitlines()
+    return dict(zip(heads.split(","), rows[-1].split(","), strict=True))
+
+
+def _json(found: Estimate) -> dict[str, Any]:
+    return estimate_as_json(found)
+
+
+def _unique(items: Sequence[Any]) -> list[Any]:
+    return [each for n, each in enumerate(items) if each not in items[:n]]

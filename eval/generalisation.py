@@ -41,7 +41,7 @@ def main(
     folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
     out: Path = Path("docs"),
     num_scenes: int = 1000,
-    local_size_scenes: int = 200,
+    local_ood_scenes: int = 200,
     trained_by: str | None = None,
 ) -> int:
     """Write generalisation.md, its data and its figures from all runs over many scenes below a folder.
@@ -56,19 +56,19 @@ def main(
         Folder of the page.
     num_scenes
         Scenes of each set, from the first on.
-    local_size_scenes
-        Scenes of ood-size in the local track, where a step on such a map costs a plan.
+    local_ood_scenes
+        Scenes of each set of another kind in the local track, where every step costs a plan.
     trained_by
         The commands that trained the runs, to stand on the page, separated by semicolons.
     """
     try:
-        if min(num_scenes, local_size_scenes) < 1:
-            raise ValueError(f"num_scenes={num_scenes} and local_size_scenes={local_size_scenes} must be 1 or more")
+        if min(num_scenes, local_ood_scenes) < 1:
+            raise ValueError(f"num_scenes={num_scenes} and local_ood_scenes={local_ood_scenes} must be 1 or more")
         runs, left_out = find_generalists(folder)
         if not runs:
             raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
         torch.set_num_threads(1)  # two threads on a busy machine wait for each other
-        pools = {track: pools_of(track, num_scenes, min(num_scenes, local_size_scenes)) for track in ("map", "local")}
+        pools = {track: pools_of(track, num_scenes, min(num_scenes, local_ood_scenes)) for track in ("map", "local")}
         entrants = enter(runs, lambda track: pools[track], lambda each: progress(each, "playing", transient=True))
         entrants += [enter_reference(name, pools["local"], folder / "references") for name in REFERENCES]
         record = record_of(entrants, left_out, pools)
@@ -89,9 +89,9 @@ def main(
     return 0
 
 
-def pools_of(track: Track, num_scenes: int, local_size_scenes: int) -> dict[str, Pool]:
+def pools_of(track: Track, num_scenes: int, local_ood_scenes: int) -> dict[str, Pool]:
     """The sets that a track is scored on."""
-    sizes = dict.fromkeys(SETS, num_scenes) | ({"ood-size": local_size_scenes} if track == "local" else {})
+    sizes = dict.fromkeys(SETS, num_scenes if track == "map" else local_ood_scenes) | {"test": num_scenes}
     found = {name: build_pool(name, size) for name, size in sizes.items()}
     if track == "map":
         found[LARGEST] = largest_pool(min(LARGEST_SCENES, num_scenes))

@@ -1,0 +1,253 @@
+"""Facts of agents that see a patch of many scenes: memory, guesses, plans, and episodes over whole pools."""
+
+from dataclasses import replace
+from io import BytesIO
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from tiny_pool import tiny_pool
+
+from agents.algorithms import read_network
+from agents.exploration import Exploration
+from agents.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
+from agents.explorer_policy import Explorer
+from agents.imitation import detours_of_moves
+from agents.local_extractor import FRAME, LocalExtractor
+from agents.local_settings import ExplorerConfig, LocalPpoConfig
+from agents.map_learner import MapLearner
+from agents.map_policy import MapPolicy
+from agents.pool_rollout import most_steps, play
+from agents.replanning import Replanner
+from agents.rollout import evaluation_env, roll_out
+from agents.seen import Seen, parts_of, patches_of
+from irs_gym.grid import MOVE_LENGTHS, legal_moves
+from irs_gym.oracle import distance_to_go
+from irs_gym.task import Task
+
+POOL = tiny_pool(6, (9, 7))
+
+
+def explorer(seed=0, shape=(9, 7), optimistic=False) -> Explorer:
+    torch.manual_seed(seed)
+    network = ExplorerNetwork(width=8)
+    if optimistic:
+        with torch.no_grad():
+            network.read_out.weight.zero_()
+            network.read_out.bias.fill_(-100.0)  # softplus of it is nothing: the unknown costs its length
+    return Explorer({"width": 8}, network, shape)
+
+
+def env_of(pool, **more):
+    return gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, **more)
+
+
+def test_memory_is_the_union_of_all_that_was_in_view():
+    rng = np.random.default_rng(0)
+    cells = np.stack([np.argwhere(POOL.feasible[n])[rng.integers(8, size=5)] for n in range(6)])  # (6, 5, 2)
+    seen, scenes = Seen.nothing(6, POOL.shape, 2), np.arange(6)
+    for step in range(5):
+        seen = seen.look(cells[:, step], patches_of(POOL, scenes, cells[:, step], 2))
+    margin = np.clip((POOL.gain_db - POOL.target_db[:, None, None]) / 5.0, -1.0, 1.0).astype(np.float32)
+    places = np.indices(POOL.shape).transpose(1, 2, 0)
+    for n in range(6):
+        near = (np.abs(places[:, :, None] - cells[n]).max(axis=-1) <= 2).any(axis=-1)
+        np.testing.assert_array_equal(np.isnan(seen.maps[n]), ~near)
+        np.testing.assert_array_equal(seen.maps[n][near], margin[n][near])
+    assert np.isnan(seen.forget(np.array([1])).maps[1]).all()
+    assert not np.isnan(seen.maps[1]).all()  # who forgets makes a new memory
+
+
+@pytest.mark.parametrize("observation", ["flat", "dict"])
+def test_patches_of_a_pool_are_those_of_the_environment(observation):
+    env = env_of(POOL, observation=observation, patch_radius=2)
+    for n in range(len(POOL)):
+        seen, _ = env.reset(options={"scene_id": n})
+        patches, settings = parts_of(seen)
+        np.testing.assert_array_equal(patches, patches_of(POOL, np.array([n]), POOL.start[[n]], 2))
+        np.testing.assert_array_equal(settings[0], POOL.irs[n])
+
+
+def test_observation_with_other_parts_is_refused_with_what_would_be_right():
+    with pytest.raises(ValueError, match="observation has 130 numbers.*irs_phases=False"):
+        parts_of(np.zeros(130, dtype=np.float32))
+
+
+def test_detours_of_moves_are_differences_of_dijkstras_distances():
+    extra = detours_of_moves(POOL.distance_to_go, POOL.cell_size)
+    for n, feasible in enumerate(POOL.feasible):
+        legal = legal_moves(feasible)
+        for i, j in np.argwhere(np.isfinite(POOL.distance_to_go[n])):
+            for action, (di, dj) in enumerate([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]):
+                found = extra[n, action, i, j]
+                if not legal[i, j, action]:
+                    assert found == np.inf
+                    continue
+                goal = (int(i + di), int(j + dj))
+                onward = distance_to_go(feasible, tuple(POOL.goal[n].tolist()), 0.5)[goal]
+                expected = MOVE_LENGTHS[action] * 0.5 + onward - POOL.distance_to_go[n, i, j]
+                assert found == pytest.approx(expected, abs=1e-12)
+
+
+def test_move_costs_its_length_times_the_cell_ahead_and_none_leads_off_the_map():
+    cost = torch.arange(1.0, 13.0).view(1, 3, 4)
+    costs = costs_of_moves(cost)
+    assert costs.shape == (1, 8, 3, 4)
+    assert costs[0, 0, 1, 2] == cost[0, 2, 2]  # east
+    assert costs[0, 1, 1, 2] == pytest.approx(2**0.5 * cost[0, 2, 3].item())
+    assert (costs[0, :, 0, 0] >= BLOCKED).sum() == 5
+
+
+def test_optimistic_explorer_walks_as_far_as_optimistic_replanning_does_where_nothing_ties():
+    """Both plan over the same cells: each step of one is a shortest step of the other."""
+    policy = explorer(optimistic=True)
+    env = env_of(POOL, observation="flat", patch_radius=2)
+    for n in range(len(POOL)):
+        observation, info = env.reset(options={"scene_id": n})
+        is_open, state = np.ones(POOL.shape, dtype=bool), None
+        goal, cell, is_over = tuple(POOL.goal[n].tolist()), POOL.start[n], False
+        while not is_over:
+            patch = parts_of(observation)[0][0]
+            for (a, b), margin in np.ndenumerate(patch):
+                i, j = cell[0] + a - 2, cell[1] + b - 2
+                if 0 <= i < POOL.shape[0] and 0 <= j < POOL.shape[1]:
+                    is_open[i, j] = margin >= 0
+            to_go = distance_to_go(is_open, goal, 1.0)
+            action, state = policy.predict(observation, state, np.array([False]))
+            before = cell
+            observation, _, is_terminated, is_truncated, info = env.step(int(action))
+            cell = np.asarray(info["path"] if is_terminated else env.unwrapped.path)[-1]
+            moved = np.abs(cell - before).sum()
+            assert moved in (1, 2)  # never refused: it sees its neighbours
+            assert to_go[tuple(before)] == pytest.approx(to_go[tuple(cell)] + moved**0.5, rel=1e-5)
+            is_over = is_terminated or is_truncated
+        assert info["is_success"]
+
+
+def test_known_obstacles_are_never_entered_and_unknown_cells_cost_more():
+    network = explorer(1).network
+    margin = torch.full((1, 8, 8), torch.nan)
+    margin[0, 2:5, 2:5] = 0.5
+    margin[0, 4, 3] = -0.2
+    guess = network(margin, torch.tensor([63]), torch.zeros(1, 3))
+    assert guess.feasible.shape == (1, 8, 8)
+    assert (guess.plan.logits[0, 0, 3, 3] < -10).all()  # east of (3, 3) lies (4, 3)
+    assert guess.plan.to_go[0, 7, 7] == 0
+    assert guess.plan.to_go[0, 3, 3] >= 4 * 2**0.5 - 1e-4  # no less than the length over open floor
+
+
+@pytest.mark.parametrize("kind", ["explorer", "replanning", "planner"])
+def test_playing_a_pool_is_playing_each_scene_in_the_environment(kind):
+    if kind == "planner":
+        from agents.map_settings import PlannerConfig
+
+        policy: object = MapLearner(PlannerConfig(), POOL, 0).policy
+        assert isinstance(policy, MapPolicy)
+    else:
+        policy = explorer() if kind == "explorer" else Replanner(POOL.shape, 5)
+    env = env_of(POOL, observation="map" if kind == "planner" else "flat")
+    found = play(policy, POOL)
+    for n in range(len(POOL)):
+        episode = roll_out(policy, env, options={"scene_id": n})
+        assert episode.is_success == found.is_success[n]
+        assert episode.spl == pytest.approx(found.spl[n])
+        assert episode.distance == pytest.approx(found.distance[n])
+
+
+def test_playing_other_frames_takes_their_shape_and_more_steps():
+    wide = tiny_pool(3, (20, 9), seed=4)
+    assert play(explorer(shape=(9, 7), optimistic=True), wide).is_success.all()
+    assert most_steps(wide) == 400
+    assert most_steps(tiny_pool(1, (80, 80))) == 800
+
+
+def test_explorer_remembers_by_its_state_alone():
+    policy = explorer()
+    env = env_of(POOL, observation="flat")
+    first, _ = env.reset(options={"scene_id": 0})
+    action, memory = policy.predict(first)
+    assert action.shape == ()
+    before = memory.seen.margin.copy()
+    later, *_ = env.step(int(action))
+    _, memory_later = policy.predict(later, memory)
+    np.testing.assert_array_equal(memory.seen.margin, before)
+    assert np.isnan(memory_later.seen.maps).sum() <= np.isnan(memory.seen.maps).sum()
+    batch, _ = policy.predict(np.stack([first, first]), None, np.array([True, True]))
+    assert batch.tolist() == [int(action)] * 2
+    _, forgot = policy.predict(later, memory, np.array([True]))
+    _, fresh = policy.predict(later)
+    np.testing.assert_array_equal(forgot.seen.margin, fresh.seen.margin)
+
+
+def test_explorer_plays_the_single_task_too():
+    env = evaluation_env(Task(observation="dict", target_db=-63.0))
+    assert roll_out(explorer(shape=(40, 40), optimistic=True), env).is_success
+
+
+def test_explorer_survives_its_file():
+    policy, file = explorer(3), BytesIO()
+    policy.save(file)
+    kept = read_network(file.getvalue())
+    assert isinstance(kept, Explorer)
+    np.testing.assert_array_equal(play(kept, POOL).distance, play(policy, POOL).distance)
+
+
+def test_exploration_learns_to_guess_what_was_not_seen():
+    pool = tiny_pool(8, (10, 10), seed=1, blocked=0.5)
+    config = ExplorerConfig(robots=16, n_steps=2, learning_rate=5e-3, patch_radius=2, total_timesteps=10_000)
+    torch.manual_seed(0)
+    teacher = Exploration(config, ExplorerNetwork(8), np.random.default_rng(0))
+    seen = [teacher.update(pool, 0.0) for _ in range(80)]
+    assert all(steps % 16 == 0 and 16 <= steps <= 48 for steps, _ in seen)
+    early, late = (np.mean([each["guess_error"] for _, each in some]) for some in (seen[:10], seen[-10:]))
+    assert late < 0.9 * early
+    assert {"detour", "guess_error"} == set(seen[0][1])
+
+
+def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_goal():
+    config = ExplorerConfig(robots=12, random_start=0.5, patch_radius=1, max_steps=15)
+    torch.manual_seed(0)
+    teacher, ends = Exploration(config, ExplorerNetwork(8), np.random.default_rng(0)), 0
+    for _ in range(20):
+        steps = teacher._steps.copy()
+        teacher.update(POOL, 0.5)
+        cells, scenes = teacher._cells, teacher._scenes
+        assert POOL.feasible[scenes, cells[:, 0], cells[:, 1]].all()
+        assert (cells != POOL.goal[scenes]).any(axis=1).all()
+        assert (teacher._steps < 15).all()
+        here = np.arange(len(cells))
+        assert not np.isnan(teacher._seen.maps[here, cells[:, 0], cells[:, 1]]).any()
+        ends += int((teacher._steps < steps).sum())
+    assert ends > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"robots": 0}, "robots=0 must be a positive integer"),
+        ({"random_start": 1.5}, "random_start=1.5 must be a number from 0 to 1"),
+        ({"guess_coef": -1.0}, "guess_coef=-1.0 must not be negative"),
+    ],
+)
+def test_bad_settings_of_an_explorer_are_refused_by_name(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(ExplorerConfig(), **change)
+
+
+def test_bad_random_start_of_an_algorithm_of_sb3_is_refused():
+    with pytest.raises(ValueError, match="random_start=2"):
+        LocalPpoConfig(random_start=2)
+
+
+def test_local_features_tell_feasible_cells_and_the_way_to_the_goal():
+    env = env_of(POOL, observation="flat", patch_radius=1)
+    seen, _ = env.reset(options={"scene_id": 2})
+    extractor = LocalExtractor(env.observation_space)
+    features = extractor(torch.from_numpy(seen)[None])[0].numpy()
+    assert features.shape == (extractor.features_dim,)
+    np.testing.assert_array_equal(features[: len(seen)], seen)
+    np.testing.assert_array_equal(features[len(seen) : len(seen) + 9], seen[:9] >= 0)
+    offset = (POOL.goal[2] - POOL.start[2]) / POOL.shape * FRAME
+    np.testing.assert_allclose(features[len(seen) + 9 :][:2], offset / np.linalg.norm(offset), rtol=1e-5)
+    np.testing.assert_allclose(features[-2:], offset / 40.0, rtol=1e-5)

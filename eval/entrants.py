@@ -20,6 +20,7 @@ from irs_gym.generator import VERSION
 from irs_gym.pool import Pool
 
 Track = Literal["map", "local"]
+USUAL_SCENES = 3000
 TITLES = {
     "planner": "planning network, imitation",
     "planner_ppo": "planning network, PPO alone",
@@ -85,14 +86,20 @@ def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
     return runs, left_out
 
 
-def enter(runs: Sequence[Run], pools: Callable[[Track], Mapping[str, Pool]], show: Callable[..., Any]) -> list[Entrant]:
+def enter(
+    runs: Sequence[Run], pools: Mapping[Track, Mapping[str, Pool]], show: Callable[..., Any] = iter
+) -> list[Entrant]:
     """Play all runs on the sets of their tracks; what was played before is read from the run's folder.
 
-    ``show`` wraps the sequence of runs, to tell how far it is.
+    What is but a point of the curve over training scenes plays the test scenes alone. ``show`` wraps the sequence of
+    runs, to tell how far it is.
     """
     groups: dict[tuple[str, str], list[tuple[Run, dict[str, Episodes]]]] = {}
     for run in show(sorted(runs, key=lambda run: run.config.seed)):
-        played = _play(run, pools(track_of(run.config.algorithm)))
+        sets = pools[track_of(run.config.algorithm)]
+        if is_point(run.config.algorithm, run.config.env["num_scenes"]):
+            sets = {"test": sets["test"]}
+        played = _play(run, sets)
         groups.setdefault((run.config.algorithm, _settings(run)), []).append((run, played))
     entrants = []
     for (algorithm, settings), found in groups.items():
@@ -116,6 +123,11 @@ def enter_reference(name: str, pools: Mapping[str, Pool], folder: Path) -> Entra
     player = reference(name)
     episodes = {each: [kept(folder / f"{name}-{each}.npz", pool, "", player)] for each, pool in pools.items()}
     return Entrant(name, TITLES[name], "local", None, (), episodes)
+
+
+def is_point(algorithm: str, scenes: int | None) -> bool:
+    """Whether an entrant is but a point of the curve of the planning network over training scenes."""
+    return algorithm == "planner" and scenes != USUAL_SCENES
 
 
 def track_of(algorithm: str) -> Track:

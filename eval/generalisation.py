@@ -32,7 +32,7 @@ from irs_gym.pool import Pool, build_pool, pool_of
 FIGURES = "figures/generalisation"
 SETS = ("test", "ood-clutter", "ood-irs", "ood-size")
 LARGEST = "160 x 160"
-LARGEST_SCENES = 50
+LARGEST_SCENES = 20
 GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
 REFERENCES = ("replanning", "greedy", "greedy_margin")
 
@@ -69,7 +69,7 @@ def main(
             raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
         torch.set_num_threads(1)  # two threads on a busy machine wait for each other
         pools = {track: pools_of(track, num_scenes, min(num_scenes, local_ood_scenes)) for track in ("map", "local")}
-        entrants = enter(runs, lambda track: pools[track], lambda each: progress(each, "playing", transient=True))
+        entrants = enter(runs, pools, lambda each: progress(each, "playing", transient=True))
         entrants += [enter_reference(name, pools["local"], folder / "references") for name in REFERENCES]
         record = record_of(entrants, left_out, pools)
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
@@ -175,14 +175,15 @@ def _results(entrant: Entrant, name: str, pool: Pool, rival: Entrant | None) -> 
     for label, chosen in (("all", np.ones(len(pool), dtype=bool)), ("hard", detours(pool) > HARD)):
         if not chosen.any():
             continue
-        ratios = [float(row[chosen & (won > 0)].mean()) for row, won in zip(ratio, success, strict=True) if won.any()]
+        won = chosen & (success > 0)  # (seeds, scenes)
+        ratios = [float(row[each].mean()) for row, each in zip(ratio, won, strict=True) if each.any()]
         found[label] = {
             "success": _json(estimate(success[:, chosen])),
             "spl": _json(estimate(spl[:, chosen])),
             "spl_by_seed": spl[:, chosen].mean(axis=1).tolist(),
             "success_by_seed": success[:, chosen].mean(axis=1).tolist(),
-            "exact": float(((success > 0) & (ratio <= 1.0 + TOLERANCE))[:, chosen].mean()),
-            "ratio": float(np.mean(ratios)) if ratios and not np.isnan(ratios).any() else None,
+            "exact": float((won & (ratio <= 1.0 + TOLERANCE))[:, chosen].mean()),
+            "ratio": float(np.mean(ratios)) if ratios else None,
         }
         if rival is not None and rival is not entrant:
             theirs = rival.table(name, lambda each: each.spl)

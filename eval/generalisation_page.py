@@ -6,6 +6,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from eval.board_page import origin
+from eval.entrants import is_point
 from eval.markdown import page, table
 from eval.pictures import as_png
 
@@ -68,10 +69,8 @@ imitation over whole maps a step is a scene, each of which gives a label for eve
 
 def markdown(record: Mapping[str, Any], figures: str) -> str:
     """The page of a record (see `eval.generalisation.record_of`); ``figures`` is the folder that it links to."""
-    by_track = {
-        track: [each for each in record["entrants"] if each["track"] == track and _is_whole(each)]
-        for track in ("map", "local")
-    }
+    shown = [each for each in record["entrants"] if not is_point(each["algorithm"], each["training_scenes"])]
+    by_track = {track: [each for each in shown if each["track"] == track] for track in ("map", "local")}
     local_sets, found = record["sets"]["local"], record["throughput"]
     introduction = INTRODUCTION.format(
         commands="\n".join(f"    {each}" for each in record["commands"] if each),
@@ -114,11 +113,6 @@ def curve_of(entrants: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The planning networks that differ in the number of training scenes alone."""
     planners = [each for each in entrants if each["algorithm"] == "planner" and "encoding margin" not in each["name"]]
     return sorted(planners, key=lambda each: each["training_scenes"])
-
-
-def _is_whole(entrant: Mapping[str, Any]) -> bool:
-    """Whether it is no mere point of the curve."""
-    return entrant["algorithm"] != "planner" or entrant["training_scenes"] in (None, 3000)
 
 
 def _sets(sets: Mapping[str, Any]) -> str:

@@ -70,7 +70,7 @@ def test_patches_of_a_pool_are_those_of_the_environment(observation):
 
 
 def test_observation_with_other_parts_is_refused_with_what_would_be_right():
-    with pytest.raises(ValueError, match="observation has 130 numbers.*irs_phases=False"):
+    with pytest.raises(ValueError, match=r"observation has 130 numbers.*irs_phases=False"):
         parts_of(np.zeros(130, dtype=np.float32))
 
 

@@ -7,6 +7,8 @@ from torch.nn.functional import conv2d
 from agents.map_network import Plan
 from irs_gym.grid import MOVES
 
+_DISCOUNT = 0.95  # that the transitions begin with
+
 
 class ValueIterationNetwork(nn.Module):
     """Written from the description in the paper (NIPS 2016, section 4 and figure 2).
@@ -29,7 +31,7 @@ class ValueIterationNetwork(nn.Module):
         super().__init__()
         self.rounds = rounds
         self.reward = nn.Sequential(nn.Conv2d(4, width, 3, padding=1), nn.Conv2d(width, 1, 1, bias=False))
-        self.transition = nn.Parameter(torch.randn(actions, 2, 3, 3) * 0.01)
+        self.transition = nn.Parameter(_moves(actions))
         self.read_out = nn.Conv2d(actions, len(MOVES), 1)
 
     def forward(self, maps: Tensor) -> Plan:
@@ -41,3 +43,16 @@ class ValueIterationNetwork(nn.Module):
             qualities = conv2d(torch.cat([reward, values], dim=1), self.transition, padding=1)
             values = qualities.amax(dim=1, keepdim=True)
         return Plan(self.read_out(qualities), -values[:, 0])
+
+
+def _moves(actions: int) -> Tensor:
+    """Transitions to begin with, ``(actions, 2, 3, 3)``: each action is one of the eight moves.
+
+    From small random numbers, as in the paper, values die out on their way over K rounds, and gradients with them.
+    """
+    transition = torch.randn(actions, 2, 3, 3) * 0.01
+    transition[:, 0, 1, 1] += 1.0
+    for action in range(actions):
+        di, dj = MOVES[action % len(MOVES)].tolist()
+        transition[action, 1, 1 + di, 1 + dj] += _DISCOUNT
+    return transition

@@ -28,7 +28,7 @@ def main(
     """Keep the best policy of each algorithm on each problem among all runs below a folder.
 
     Best is the shortest path, then the fewest steps to the optimum; of agents that learned on many scenes, the greatest
-    SPL on the scenes that they were tested on, and of equals the first seed. Other models stay as they are.
+    SPL on the scenes that they were tested on, and of equals the most training scenes. Other models stay as they are.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistModel]:
         by_algorithm.setdefault(run.config.algorithm, []).append(run)
     entries, contents = [], {}
     for algorithm, found in sorted(by_algorithm.items()):
-        best = max(found, key=lambda run: (run.manifest.models["best"].spl, -run.config.seed))
+        best = max(found, key=_rank)
         manifest, content = best.manifest, best.read_model()
         model = manifest.models["best"]
         entries.append(
@@ -161,6 +161,11 @@ def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistModel]:
     both = sorted([*others, *entries], key=lambda each: each.config.algorithm)
     write_models(out, kept.models, contents, both)
     return entries
+
+
+def _rank(run: Run) -> tuple[float, int, int]:
+    """Sorts by SPL, then by the number of training scenes, then from the last seed to the first."""
+    return run.manifest.models["best"].spl, run.config.env["num_scenes"], -run.config.seed
 
 
 def _table(entries: Sequence[Entry], out: Path) -> Table:

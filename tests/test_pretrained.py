@@ -16,12 +16,14 @@ from PIL import Image
 from agents.algorithms import model_class
 from agents.checkpoint import Run
 from agents.manifest import Config
+from agents.pool_rollout import play
 from agents.pretrained import MODELS, Entry, Models, PretrainedError, Score, load_pretrained, pack, write_models
 from agents.problem import problem_of
 from agents.rollout import arguments_of, evaluation_env, roll_out
 from agents.vec_env import IrsNavVecEnv
 from eval.watch import fit
 from irs_gym import RadioMap, load_scene
+from irs_gym.pool import build_pool
 from irs_gym.task import Task
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -245,3 +247,26 @@ def test_high_frame_is_cut_to_the_rows_around_the_robot():
     assert lines[1:-2] == rows[25:35]
     at_the_top = frame.replace("|30.R|", "|30..|").replace("|00..|", "|00.R|")
     assert fit(at_the_top, 13).splitlines()[1:-2] == ["|00.R|", *rows[1:10]]
+
+
+GENERALISTS = Models.read(MODELS).generalists
+
+
+@pytest.mark.parametrize("entry", GENERALISTS, ids=lambda entry: entry.file)
+def test_generalist_is_small_and_acts_in_scenes_of_its_own(entry):
+    assert (MODELS / entry.file).stat().st_size < 2_000_000
+    scene = load_scene("paper").model_copy(update={"target_db": -63.0})
+    pretrained = load_pretrained(entry.config.algorithm, scenes=[scene])
+    assert pretrained.entry == entry
+    episode = roll_out(pretrained, pretrained.make_env())
+    assert episode.is_success
+    assert episode.ratio < 1.2
+
+
+def test_generalist_scores_what_its_manifest_says():
+    pretrained = load_pretrained("planner")
+    env = pretrained.entry.config.env
+    episodes = play(pretrained.policy, build_pool(env["test_split"], env["test_scenes"], progress=False))
+    assert episodes.is_success.mean() == pretrained.entry.success
+    assert episodes.spl.mean() == pytest.approx(pretrained.entry.spl, abs=1e-4)
+    assert pretrained.entry.success >= 0.995

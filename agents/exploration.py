@@ -3,14 +3,13 @@
 States are those that its own policy comes to, labels are what each move would really cost (DAgger, Ross et al. 2011).
 """
 
-import math
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from agents.descent import cosine, descend
 from agents.imitation import detours_of_moves
 from agents.local_settings import ExplorerConfig
 from agents.seen import Seen, patches_of
@@ -46,15 +45,13 @@ class Exploration:
         goals = torch.from_numpy(pool.goal[self._scenes] @ [pool.shape[1], 1])
         guess = self.network(margin, goals, torch.from_numpy(pool.irs[self._scenes]))
         detour = self._detour(pool, margin, guess.plan.logits)
-        is_feasible = torch.from_numpy(pool.feasible[self._scenes]).to(margin)
-        error = binary_cross_entropy_with_logits(guess.feasible[margin.isnan()], is_feasible[margin.isnan()])
+        unknown = margin.isnan()
+        is_feasible = torch.from_numpy(pool.feasible[self._scenes]).to(margin)[unknown]
+        errors = binary_cross_entropy_with_logits(guess.feasible[unknown], is_feasible, reduction="sum")
+        error = errors / unknown.sum().clamp(min=1)  # small maps may be known as a whole
         loss = detour + self.config.guess_coef * error
-        for group in self._optimizer.param_groups:
-            group["lr"] = self.config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * progress))
-        self._optimizer.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
-        self._optimizer.step()
+        rate = cosine(self.config.learning_rate, progress)
+        descend(self._optimizer, loss, rate, self.config.max_grad_norm)
         steps = int(self._rng.integers(1, 2 * self.config.n_steps))
         self._walk(pool, guess.plan.logits.detach().argmax(dim=1).numpy(), steps)
         return steps * len(self._scenes), {"detour": detour.item(), "guess_error": error.item()}

@@ -1,12 +1,11 @@
 """`Imitation`: a network over maps learns all optimal moves of all cells from the oracle."""
 
-import math
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from agents.descent import cosine, descend
 from agents.map_network import maps_of
 from agents.map_settings import ImitationConfig
 from agents.symmetry import SYMMETRIES, turn, turn_moves
@@ -76,12 +75,8 @@ class Imitation:
             can_reach = to_go.isfinite()
             error = (plan.to_go[can_reach] - to_go[can_reach].to(plan.to_go)).abs().mean() / 40.0
             loss = loss + self.config.to_go_coef * error
-        for group in self._optimizer.param_groups:
-            group["lr"] = self.config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * progress))
-        self._optimizer.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
-        self._optimizer.step()
+        rate = cosine(self.config.learning_rate, progress)
+        descend(self._optimizer, loss, rate, self.config.max_grad_norm)
         return len(scenes), {"loss": loss.item()}
 
     def _draw(self, scenes: int) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from agents.descent import descend
 from agents.map_network import maps_of
 from agents.map_settings import ScenePpoConfig
 from irs_gym.grid import MOVE_LENGTHS, MOVES, octile_distance
@@ -62,14 +63,10 @@ class ScenePpo:
         starts = self._draw_starts(pool, scenes)
         rollout = self._roll_out(rules, starts, log_probabilities.exp().numpy(), values.numpy())
         before = log_probabilities[rollout.cell, rollout.action]
-        for group in self._optimizer.param_groups:
-            group["lr"] = config.learning_rate + progress * (config.final_learning_rate - config.learning_rate)
+        rate = config.learning_rate + progress * (config.final_learning_rate - config.learning_rate)
         for _ in range(config.n_epochs):
             loss, seen = self._loss(maps, rules, rollout, before, config.ent_coef * (1.0 - progress))
-            self._optimizer.zero_grad()
-            loss.backward()
-            nn.utils.clip_grad_norm_(self._optimizer.param_groups[0]["params"], config.max_grad_norm)
-            self._optimizer.step()
+            descend(self._optimizer, loss, rate, config.max_grad_norm)
         return rollout.cell.size, seen
 
     def _ask(self, maps: Tensor, rules: Rules) -> tuple[Tensor, Tensor]:

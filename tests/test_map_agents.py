@@ -15,7 +15,7 @@ from agents.map_network import NetworkFileError, Plan, build_network, maps_of, p
 from agents.map_policy import MapPolicy
 from agents.map_settings import ImitationConfig, PlannerConfig, PlannerPpoConfig, UNetConfig, UNetPpoConfig, VinConfig
 from agents.planner import LOG_COST, PlanningNetwork, plan
-from agents.pool_rollout import follow
+from agents.pool_rollout import follow, play
 from agents.scene_ppo import GOAL_BONUS, rules_of
 from agents.symmetry import SYMMETRIES, sources, turn, turn_moves
 from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
@@ -336,7 +336,7 @@ def test_imitation_sees_each_scene_once_before_any_a_second_time(monkeypatch):
 
 def test_planner_learns_the_way_on_maps_of_another_size_by_imitation():
     learner = learn(PlannerConfig(total_scenes=1600), tiny_pool(64, (10, 10)))
-    episodes = learner.play(tiny_pool(50, (14, 17), seed=9))
+    episodes = play(learner.policy, tiny_pool(50, (14, 17), seed=9))
     assert episodes.is_success.mean() > 0.9
     assert episodes.spl.mean() > 0.9
 
@@ -344,7 +344,7 @@ def test_planner_learns_the_way_on_maps_of_another_size_by_imitation():
 def test_planner_learns_the_way_by_ppo_alone():
     pool = tiny_pool(64, (10, 10))
     config = PlannerPpoConfig(total_timesteps=60_000, scenes=8, robots=16)
-    before, after = config.build(pool, 0).play(pool), learn(config, pool).play(pool)
+    before, after = (play(each.policy, pool) for each in (config.build(pool, 0), learn(config, pool)))
     assert after.spl.mean() > before.spl.mean() + 0.1
 
 

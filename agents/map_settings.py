@@ -43,6 +43,7 @@ class MapAgentConfig:
 
     def __post_init__(self) -> None:
         check_settings(self, "positive", "learning_rate")
+        check_settings(self, "whole", *(name for name, value in self.shape.items() if isinstance(value, int)))
 
     def teacher(self, network: nn.Module, rng: np.random.Generator) -> Teacher:
         """What improves the network."""

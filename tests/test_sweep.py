@@ -11,6 +11,7 @@ import pytest
 import ray
 from tiny import TINY, call, curve, numbers
 
+from agents.algorithms import GENERALISTS
 from agents.checkpoint import Run
 from irs_gym.task import build_world
 from train import resume
@@ -267,3 +268,31 @@ def test_sweep_that_is_killed_goes_on(tmp_path):
         assert run.manifest.status in resume.ENDED
         assert run.config.seed == seed
     assert "2 of 2 runs, 0 failed" in said
+
+
+def test_sweeps_over_many_scenes_hold_every_generalist_and_the_curve():
+    plans = [Plan.load(SWEEPS / f"{name}.toml") for name in ("generalisation", "generalisation-slow")]
+    configs = [config for plan in plans for config in plan.configs()]
+    after = Plan.load(SWEEPS / "generalisation-then-ppo.toml")
+    trained = {config.agent.algorithm for config in [*configs, *after.configs()]}
+    assert trained == set(GENERALISTS)
+    planners = [config for config in configs if config.agent.algorithm == "planner" and config.seed == 0]
+    assert {config.env.num_scenes for config in planners} == {10, 100, 1000, 3000, 10000}
+    folders = {config.out for config in configs}
+    for config in after.configs():
+        assert config.agent.weights in folders  # what they begin with is trained by the sweep before
+        assert f"seed{config.seed}" in str(config.agent.weights)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"env": {"num_scene": 3}}, r"settings.default.env: unknown argument num_scene"),
+        ({"env": {"num_scenes": 0}}, r"settings.default.env: num_scenes=0 must be a positive integer"),
+        ({"agent": {"width": 0}}, r"settings.default.agent \(planner\): width=0 must be a positive integer"),
+    ],
+)
+def test_bad_sweep_over_many_scenes_is_refused_by_name(change, message):
+    plan = Plan(out=Path("runs/none"), seeds=1, algorithms=("planner",), settings={"default": change})
+    with pytest.raises(PlanError, match=message):
+        plan.check()

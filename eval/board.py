@@ -106,7 +106,7 @@ def build(
         "episodes": episodes,
         "problems": problems,
         "overall": _overall(by_group, names, len(problems)),
-        "settings": {name: group.values for group, name in names.items()},
+        "settings": {names[group]: group.values for group in groups},
         "runs": [_run_record(each, names[group]) for group, found in by_group.items() for each in found],
         "left_out": [_left_out_record(each, names) for each in left_out],
         "trained_with": _unique([each.run.manifest.versions for each in results]),

@@ -31,7 +31,7 @@ from irs_gym.pool import Pool, build_pool, pool_of
 
 FIGURES = "figures/generalisation"
 SETS = ("test", "ood-clutter", "ood-irs", "ood-size")
-LARGEST = "160 x 160"
+LARGEST = "160x160"
 LARGEST_SCENES = 20
 GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
 REFERENCES = ("replanning", "greedy", "greedy_margin")
@@ -100,7 +100,7 @@ def pools_of(track: Track, num_scenes: int, local_ood_scenes: int) -> dict[str, 
 
 @lru_cache(maxsize=1)
 def largest_pool(scenes: int) -> Pool:
-    """Scenes of four times the usual sides, with as many boxes for the area: maps of up to 160 x 160 cells."""
+    """Scenes of four times the usual sides, with as many boxes for the area: maps of 112 to 160 cells a side."""
     level = Difficulty(sides=(56.0, 80.0), boxes=(48, 192))
     drawn = [generate_scene(np.random.default_rng([160, n]), level) for n in range(scenes)]
     return pool_of(drawn, [f"large-{n}" for n in range(scenes)], frame=(160, 160))

@@ -11,7 +11,6 @@ from rich.progress import track
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from agents.algorithms import keeps_arrays
 from agents.checkpoint import Run
 from agents.pretrained import MODELS, Entry, GeneralistModel, Models, Score, load_pretrained, pack, write_models
 from agents.problem import Problem
@@ -23,7 +22,12 @@ from irs_gym.scene import scene_names
 def main(
     folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
     out: Path = MODELS,
-    algorithms: tuple[Literal["ppo", "maskable_ppo", "dqn", "qr_dqn"], ...] = ("ppo", "dqn"),
+    algorithms: tuple[
+        Literal[
+            "ppo", "maskable_ppo", "dqn", "qr_dqn", "planner", "planner_ppo", "unet", "unet_ppo", "vin", "explorer"
+        ],
+        ...,
+    ] = ("ppo", "dqn", "planner", "planner_ppo", "unet", "unet_ppo", "explorer"),
 ) -> int:
     """Keep the best policy of each algorithm on each problem among all runs below a folder.
 
@@ -37,13 +41,13 @@ def main(
     out
         Folder of the models and their manifest.
     algorithms
-        Algorithms with networks whose models are kept; of those that learn on many scenes, all whose files hold plain
-        arrays are.
+        Algorithms whose models are kept.
     """
     try:
         folders = find_runs(folder)
         runs = generalists_among(folders)
         others = [each for each in folders if each not in {run.folder for run in runs}]
+        runs = [run for run in runs if run.config.algorithm in algorithms]
         results, left_out = read_results(track(others, "reading runs", transient=True))
         chosen = choose([each for each in results if each.config.algorithm in algorithms])
         if not chosen and not runs:
@@ -120,14 +124,14 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
 
 
 def generalists_among(folders: Sequence[Path]) -> list[Run]:
-    """The complete runs over many scenes whose models are files of plain arrays."""
+    """The complete runs over many scenes."""
     runs = []
     for folder in folders:
         try:
             run = Run.open(folder)
         except ValueError:
             continue  # told of with the others
-        if run.is_generalist and keeps_arrays(run.config.algorithm) and run.manifest.status in COMPLETE:
+        if run.is_generalist and run.manifest.status in COMPLETE:
             runs.append(run)
     return runs
 

@@ -17,7 +17,8 @@ HEAD = """<meta charset="utf-8">
 STYLE = """
 :root { color-scheme: light dark; }
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 78rem; margin: 0 auto; padding: 0 1.5rem 4rem; }
-nav { display: flex; flex-wrap: wrap; position: sticky; top: 0; padding: .6rem 0; background: Canvas; border-bottom: 1px solid #8886; font-size: 13px; }
+nav { position: sticky; top: 0; padding: .6rem 0; background: Canvas; border-bottom: 1px solid #8886; font-size: 13px; }
+nav { display: flex; flex-wrap: wrap; }
 nav a { margin-right: 1rem; white-space: nowrap; }
 h2 { margin-top: 2.5rem; scroll-margin-top: 4rem; }
 pre { padding: .6rem 1rem; background: #8882; overflow-x: auto; }

@@ -31,6 +31,11 @@ def keeps_arrays(algorithm: Algorithm | Generalist) -> bool:
     return algorithm == "q_learning" or algorithm not in _CLASSES
 
 
+def observation_of(algorithm: Generalist) -> Literal["flat", "map"]:
+    """The observation of `IrsNavRandom-v0` that its policies see."""
+    return "flat" if algorithm in LOCAL else "map"
+
+
 def model_class(algorithm: Algorithm | Generalist) -> Any:
     """The class of an algorithm's models, with SB3's ``learn``, ``predict``, ``save`` and ``load``; imported now."""
     module, name = _CLASSES[algorithm]

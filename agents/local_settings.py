@@ -11,9 +11,9 @@ from agents.algorithms import Algorithm, Generalist
 from agents.map_settings import MapAgentConfig, NetworkName
 from agents.ppo import PpoConfig
 from agents.settings import check_settings
-from irs_gym.task import Observation
 
 if TYPE_CHECKING:
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
     from stable_baselines3.common.vec_env import VecEnv
     from torch import nn
 
@@ -50,7 +50,7 @@ class ExplorerConfig(MapAgentConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "whole", "total_timesteps", "robots", "n_steps", "max_steps", "patch_radius", "width")
+        check_settings(self, "whole", "total_timesteps", "robots", "n_steps", "max_steps", "patch_radius")
         check_settings(self, "positive", "max_grad_norm")
         check_settings(self, "share", "random_start")
         if not 0 <= self.guess_coef < float("inf"):
@@ -68,7 +68,6 @@ class ScenesPpoConfig(PpoConfig):
     """Settings of an algorithm of SB3 that learns in `IrsNavRandom-v0`."""
 
     algorithm: ClassVar[Algorithm | Generalist]
-    observation: ClassVar[Observation] = "flat"
     env_settings: ClassVar[tuple[str, ...]] = ("random_start",)
 
     gamma: float = 0.98
@@ -81,10 +80,14 @@ class ScenesPpoConfig(PpoConfig):
         self._check_share("random_start")
 
     def policy_kwargs(self) -> dict[str, Any]:
-        """With `agents.local_extractor.LocalExtractor` in front of the networks."""
+        """With the extractor in front of the networks."""
+        return {**super().policy_kwargs(), "features_extractor_class": self.extractor()}
+
+    def extractor(self) -> type[BaseFeaturesExtractor]:
+        """What reads the observation."""
         from agents.local_extractor import LocalExtractor
 
-        return {**super().policy_kwargs(), "features_extractor_class": LocalExtractor}
+        return LocalExtractor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,14 +123,13 @@ class MapPpoConfig(ScenesPpoConfig):
     """Settings of Stable-Baselines3's PPO over many scenes, with a convolutional network over the whole map."""
 
     algorithm: ClassVar[Algorithm | Generalist] = "map_ppo"
-    observation: ClassVar[Observation] = "map"
 
     total_timesteps: int = 200_000
     n_epochs: int = 3
     learning_rate: float = 5e-4
 
-    def policy_kwargs(self) -> dict[str, Any]:
-        """With `agents.map_extractor.MapExtractor` in front of the networks."""
+    def extractor(self) -> type[BaseFeaturesExtractor]:
+        """What reads the map."""
         from agents.map_extractor import MapExtractor
 
-        return {**super().policy_kwargs(), "features_extractor_class": MapExtractor}
+        return MapExtractor

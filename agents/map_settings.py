@@ -10,7 +10,6 @@ import numpy as np
 
 from agents.algorithms import Generalist
 from agents.settings import check_settings
-from irs_gym.task import Observation
 
 if TYPE_CHECKING:
     from torch import nn
@@ -32,7 +31,6 @@ class MapAgentConfig:
     """
 
     algorithm: ClassVar[Generalist]
-    observation: ClassVar[Observation] = "flat"  # what a policy that does not see the whole map is shown
     network: ClassVar[NetworkName]
     network_settings: ClassVar[tuple[str, ...]]  # fields that are handed on to the network
 

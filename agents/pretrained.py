@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from agents import provenance
-from agents.algorithms import GENERALISTS, LOCAL, load, model_class
+from agents.algorithms import GENERALISTS, LOCAL, load, model_class, observation_of
 from agents.checkpoint import write_file
 from agents.manifest import Config, Record
 from agents.problem import Problem, problem_of
@@ -250,7 +250,7 @@ def _load_generalist(entry: GeneralistModel, folder: Path, env: Mapping[str, Any
     policy = load(entry.config.algorithm, _read(entry, folder))
     if is_local and task.scenes is None:
         policy = replace(policy, shape=split_of(task.split).frame)
-    own = {"observation": "flat" if is_local else "map", **({} if "scenes" in env else {"split": "test"})}
+    own = {"observation": observation_of(entry.config.algorithm), **({} if "scenes" in env else {"split": "test"})}
     return PretrainedGeneralist(entry, policy, {**own, **env})
 
 

@@ -52,9 +52,8 @@ class Seen:
 
     def look(self, cells: Ints, patches: Floats) -> "Seen":
         """With the patches ``(n, 2r+1, 2r+1)`` around the cells ``(n, 2)`` that the robots are in."""
-        margin, side = self.margin.copy(), np.arange(2 * self.radius + 1)
-        rows, columns = cells[:, 0, None, None] + side[:, None], cells[:, 1, None, None] + side
-        margin[np.arange(len(cells))[:, None, None], rows, columns] = patches
+        margin = self.margin.copy()
+        margin[_windows(cells, self.radius)] = patches
         return Seen(margin, self.radius)
 
 
@@ -62,9 +61,7 @@ def patches_of(pool: Pool, scenes: Ints, cells: Ints, radius: int) -> Floats:
     """What robots in cells ``(n, 2)`` of scenes ``(n,)`` see, ``(n, 2r+1, 2r+1)``, as the environment shows it."""
     margin = scaled_margin(pool.gain_db[scenes], pool.target_db[scenes, None, None])
     padded = np.pad(margin, ((0, 0), (radius, radius), (radius, radius)), constant_values=-1.0)
-    side = np.arange(2 * radius + 1)
-    rows, columns = cells[:, 0, None, None] + side[:, None], cells[:, 1, None, None] + side
-    return np.asarray(padded[np.arange(len(cells))[:, None, None], rows, columns])
+    return np.asarray(padded[_windows(cells, radius)])
 
 
 def parts_of(observation: Any) -> tuple[Floats, Floats]:
@@ -88,3 +85,13 @@ def parts_of(observation: Any) -> tuple[Floats, Floats]:
         )
     rows = flat.reshape(-1, flat.shape[-1])
     return rows[:, : side**2].reshape(-1, side, side), rows[:, side**2 : side**2 + 3]
+
+
+def _windows(cells: Ints, radius: int) -> tuple[Ints, Ints, Ints]:
+    """Where the patch around each cell ``(n, 2)`` of a map of its own stands in maps with a border."""
+    side = np.arange(2 * radius + 1)
+    return (
+        np.arange(len(cells))[:, None, None],
+        cells[:, 0, None, None] + side[:, None],
+        cells[:, 1, None, None] + side,
+    )

@@ -12,7 +12,7 @@ from rich.progress import track
 from tyro.conf import Positional, arg
 
 from agents import provenance
-from agents.checkpoint import write_file
+from agents.checkpoint import Run, write_file
 from agents.problem import Problem
 from agents.rollout import Episode, evaluation_env
 from eval import statistics
@@ -79,6 +79,17 @@ def commands_of(name: str, trained_by: str | None) -> list[str]:
     return [trained_by, own] if trained_by else [own]
 
 
+def origins(runs: Sequence[Run]) -> dict[str, Any]:
+    """Versions and commits that runs were trained with, each once, and those that score them."""
+    manifests = [run.manifest for run in runs]
+    return {
+        "trained_with": _unique([each.versions for each in manifests]),
+        "trained_from": _unique([each.commit for each in manifests]),
+        "versions": provenance.versions(),
+        "commit": provenance.commit(),
+    }
+
+
 def build(
     results: Sequence[Result], left_out: Sequence[LeftOut], episodes: int, seed: int
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
@@ -109,10 +120,7 @@ def build(
         "settings": {names[group]: group.values for group in groups},
         "runs": [_run_record(each, names[group]) for group, found in by_group.items() for each in found],
         "left_out": [_left_out_record(each, names) for each in left_out],
-        "trained_with": _unique([each.run.manifest.versions for each in results]),
-        "trained_from": _unique([each.run.manifest.commit for each in results]),
-        "versions": provenance.versions(),
-        "commit": provenance.commit(),
+        **origins([each.run for each in results]),
     }
     return record, pictures
 

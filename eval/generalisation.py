@@ -13,17 +13,17 @@ import torch
 from rich.progress import track as progress
 from tyro.conf import Positional, arg
 
-from agents import provenance
+from agents.algorithms import observation_of
 from agents.checkpoint import write_file
 from agents.pool_rollout import Episodes
 from agents.rollout import TOLERANCE, roll_out
-from eval.board import commands_of
+from eval.board import commands_of, origins
 from eval.entrants import Entrant, Track, enter, enter_reference, find_generalists
 from eval.gallery import Scenery, choose, draw_gallery
 from eval.generalisation_page import draw_scenes_curve, markdown
 from eval.results import LeftOut
 from eval.standings import estimate_as_json
-from eval.statistics import Estimate, estimate, paired_difference
+from eval.statistics import estimate, paired_difference
 from eval.throughput import throughput
 from eval.unseen import HARD, detours, paper_pool
 from irs_gym.generator import Difficulty, generate_scene
@@ -111,8 +111,6 @@ def record_of(
 ) -> dict[str, Any]:
     """All that the page tells, as JSON holds it."""
     rival = next(each for each in entrants if each.algorithm == "replanning")
-    runs = [run for each in entrants for run in each.runs]
-    manifests = [run.manifest for run in runs]
     return {
         "format_version": 1,
         "hard": HARD,
@@ -120,10 +118,7 @@ def record_of(
         "entrants": [_entrant_record(each, pools[each.track], rival) for each in entrants],
         "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],
         "throughput": throughput(),
-        "trained_with": _unique([each.versions for each in manifests]),
-        "trained_from": _unique([each.commit for each in manifests]),
-        "versions": provenance.versions(),
-        "commit": provenance.commit(),
+        **origins([run for each in entrants for run in each.runs]),
     }
 
 
@@ -136,8 +131,7 @@ def gallery(entrants: Sequence[Entrant], pools: Mapping[Track, Mapping[str, Pool
             continue
         pool, run = pools[each.track]["test"], each.runs[0]
         policy = run.load_model()
-        observation = "map" if each.track == "map" else "flat"
-        env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation)
+        env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation_of(each.algorithm))
         for n in choose(each.episodes["test"][0].spl, detours(pool)):
             episode = roll_out(policy, env, options={"scene_id": n})
             inner: Any = env.unwrapped
@@ -156,8 +150,7 @@ def _entrant_record(entrant: Entrant, pools: Mapping[str, Pool], rival: Entrant)
         "track": entrant.track,
         "training_scenes": entrant.scenes,
         "seeds": entrant.seeds,
-        "steps_per_second": _speed(entrant),
-        "seconds": _seconds(entrant),
+        **_pace(entrant),
         "sets": {
             name: _results(entrant, name, pools[name], rival if entrant.track == "local" else None)
             for name in entrant.episodes
@@ -178,8 +171,8 @@ def _results(entrant: Entrant, name: str, pool: Pool, rival: Entrant | None) -> 
         won = chosen & (success > 0)  # (seeds, scenes)
         ratios = [float(row[each].mean()) for row, each in zip(ratio, won, strict=True) if each.any()]
         found[label] = {
-            "success": _json(estimate(success[:, chosen])),
-            "spl": _json(estimate(spl[:, chosen])),
+            "success": estimate_as_json(estimate(success[:, chosen])),
+            "spl": estimate_as_json(estimate(spl[:, chosen])),
             "spl_by_seed": spl[:, chosen].mean(axis=1).tolist(),
             "success_by_seed": success[:, chosen].mean(axis=1).tolist(),
             "exact": float((won & (ratio <= 1.0 + TOLERANCE))[:, chosen].mean()),
@@ -187,7 +180,7 @@ def _results(entrant: Entrant, name: str, pool: Pool, rival: Entrant | None) -> 
         }
         if rival is not None and rival is not entrant:
             theirs = rival.table(name, lambda each: each.spl)
-            found[label]["over_replanning"] = _json(paired_difference((spl - theirs)[:, chosen]))
+            found[label]["over_replanning"] = estimate_as_json(paired_difference((spl - theirs)[:, chosen]))
     return found
 
 
@@ -208,26 +201,16 @@ def _paper(entrant: Entrant, pool: Pool) -> list[dict[str, Any]]:
     return [told(n) for n in range(len(pool))]
 
 
-def _seconds(entrant: Entrant) -> float | None:
-    """Median seconds of training, tests included."""
-    ends = [float(_last_row(run.folder)["seconds"]) for run in entrant.runs]
-    return float(np.median(ends)) if ends else None
-
-
-def _speed(entrant: Entrant) -> float | None:
-    """Median training steps a second, tests included; in imitation of whole maps, scenes a second."""
+def _pace(entrant: Entrant) -> dict[str, float | None]:
+    """Medians over runs, tests included: seconds, and steps a second; in imitation of whole maps, scenes a second."""
     rows = [_last_row(run.folder) for run in entrant.runs]
-    return float(np.median([float(row["steps"]) / float(row["seconds"]) for row in rows])) if rows else None
+    steps, seconds = (np.array([float(row[name]) for row in rows]) for name in ("steps", "seconds"))
+    return {
+        "steps_per_second": float(np.median(steps / seconds)) if rows else None,
+        "seconds": float(np.median(seconds)) if rows else None,
+    }
 
 
 def _last_row(folder: Path) -> dict[str, str]:
     heads, *rows = (folder / "learning_curve.csv").read_text().splitlines()
     return dict(zip(heads.split(","), rows[-1].split(","), strict=True))
-
-
-def _json(found: Estimate) -> dict[str, Any]:
-    return estimate_as_json(found)
-
-
-def _unique(items: Sequence[Any]) -> list[Any]:
-    return [each for n, each in enumerate(items) if each not in items[:n]]

@@ -15,7 +15,8 @@ from agents.checkpoint import Run
 from agents.pretrained import MODELS, Entry, GeneralistModel, Models, Score, load_pretrained, pack, write_models
 from agents.problem import Problem
 from agents.rollout import arguments_of
-from eval.results import COMPLETE, Result, find_runs, read_results
+from eval.entrants import find_generalists
+from eval.results import Result, find_runs, read_results
 from irs_gym.scene import scene_names
 
 
@@ -44,9 +45,9 @@ def main(
         Algorithms whose models are kept.
     """
     try:
-        folders = find_runs(folder)
-        runs = generalists_among(folders)
-        others = [each for each in folders if each not in {run.folder for run in runs}]
+        runs, _ = find_generalists(folder)
+        known = {run.folder for run in runs}
+        others = [each for each in find_runs(folder) if each not in known]
         runs = [run for run in runs if run.config.algorithm in algorithms]
         results, left_out = read_results(track(others, "reading runs", transient=True))
         chosen = choose([each for each in results if each.config.algorithm in algorithms])
@@ -121,19 +122,6 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
         if Score.of(found) != entry.score:
             raise ValueError(f"{entry.file} does not do what its run did: {Score.of(found)} is not {entry.score}")
     return entries
-
-
-def generalists_among(folders: Sequence[Path]) -> list[Run]:
-    """The complete runs over many scenes."""
-    runs = []
-    for folder in folders:
-        try:
-            run = Run.open(folder)
-        except ValueError:
-            continue  # told of with the others
-        if run.is_generalist and run.manifest.status in COMPLETE:
-            runs.append(run)
-    return runs
 
 
 def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistModel]:

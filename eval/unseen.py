@@ -13,6 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from agents import provenance
+from agents.algorithms import observation_of
 from agents.checkpoint import Run, RunError, write_file
 from agents.heuristics import RULES
 from agents.pool_rollout import Episodes, follow, most_steps, play
@@ -78,8 +79,7 @@ def player_of(run: Run, model: str = "best") -> Player:
     if not run.is_generalist:
         raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone")
     algorithm = run.config.algorithm
-    observation = "map" if algorithm == "map_ppo" else "flat"
-    return Player(algorithm, partial(play, run.load_model(model), observation=observation))
+    return Player(algorithm, partial(play, run.load_model(model), observation=observation_of(algorithm)))
 
 
 def reference(name: str) -> Player:
@@ -159,18 +159,13 @@ def write_unseen(run: Run, model: str, found: Found) -> Path:
         "format_version": 1,
         "model": {"name": model, **run.manifest.models[model].model_dump()},
         "config": run.config.model_dump(mode="json"),
-        "scores": scores_as_json(found),
+        "scores": {name: {"all": asdict(whole), "hard": asdict(hard)} for name, (_, whole, hard) in found.items()},
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
     path = run.folder / "unseen.json"
     write_file(path, (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
     return path
-
-
-def scores_as_json(found: Found) -> dict[str, Any]:
-    """The scores by the names of the sets."""
-    return {name: {"all": asdict(whole), "hard": asdict(hard)} for name, (_, whole, hard) in found.items()}
 
 
 def pools_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -> dict[str, Pool]:

@@ -13,6 +13,7 @@ import torch
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
+from agents.algorithms import observation_of
 from agents.checkpoint import Run, RunError
 from agents.map_settings import MapAgentConfig
 from agents.rollout import arguments_of, evaluation_env
@@ -84,7 +85,7 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 def _evaluation(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     if isinstance(config, GeneralistConfig):
         pool = _pool(config, config.env.test_split, config.env.test_scenes)
-        return Generalisation(run, pool, config.eval_every, config.agent.observation)
+        return Generalisation(run, pool, config.eval_every, observation_of(config.agent.algorithm))
     hold = config.hold if config.stop_at_optimum else None
     return Evaluation(run, evaluation_env(config.env), config.eval_every, hold)
 
@@ -101,7 +102,7 @@ def _material(config: TrainConfig | GeneralistConfig) -> Any:
         vector_env=IrsNavRandomVectorEnv,
         split=config.env.split,
         num_scenes=config.env.num_scenes,
-        observation=config.agent.observation,
+        observation=observation_of(config.agent.algorithm),
         **{name: getattr(config.agent, name) for name in config.agent.env_settings},
     )
 

@@ -8,7 +8,7 @@ Algorithm = Literal["ppo", "maskable_ppo", "dqn", "qr_dqn", "q_learning"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
 MapGeneralist = Literal["planner", "planner_ppo", "unet", "unet_ppo", "vin", "map_ppo"]  # see the whole map
-LocalGeneralist = Literal["explorer", "local_ppo", "recurrent_ppo"]  # see the patch around the robot
+LocalGeneralist = Literal["explorer", "explorer_ppo", "local_ppo", "recurrent_ppo"]  # see the patch around the robot
 Generalist = Literal[MapGeneralist, LocalGeneralist]  # learn on many scenes
 Trainable = Literal[Algorithm, Generalist]
 LOCAL: tuple[LocalGeneralist, ...] = get_args(LocalGeneralist)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from agents.algorithms import Algorithm, Generalist
-from agents.map_settings import MapAgentConfig, NetworkName
+from agents.expedition import Terms
+from agents.map_settings import MapAgentConfig, NetworkName, ProximalConfig
 from agents.ppo import PpoConfig
 from agents.settings import check_settings
 
@@ -21,38 +22,54 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExplorerConfig(MapAgentConfig):
-    """Settings of the explorer: imitation with a memory of what was seen; the learning rate falls along a cosine."""
+class ExpeditionConfig(MapAgentConfig):
+    """Settings of every explorer, and of the robots that it learns with."""
 
-    algorithm: ClassVar[Generalist] = "explorer"
     network: ClassVar[NetworkName] = "explorer"
     network_settings: ClassVar[tuple[str, ...]] = ("width",)
 
-    total_timesteps: int = 192_000
-    """Steps of the whole schedule, counted over all robots."""
-    learning_rate: float = 2e-3
     robots: int = 64
     """Robots on their ways at a time, each in a scene of its own."""
-    n_steps: int = 4
-    """Mean number of steps of each robot between two updates."""
     max_steps: int = 400
     """Steps after which a robot gives up."""
     random_start: float = 0.3
     """Probability of a start drawn among the cells from which the goal can be reached."""
     patch_radius: int = 5
     """Cells that a robot sees in each direction."""
-    guess_coef: float = 0.5
-    """Weight of the error in the guess which unknown cells are feasible, beside the detours."""
-    max_grad_norm: float = 1.0
-    """Longest gradient, in the Euclidean norm; longer ones are cut."""
     width: int = 8
     """Channels on the map's own grid."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "whole", "total_timesteps", "robots", "n_steps", "max_steps", "patch_radius")
-        check_settings(self, "positive", "max_grad_norm")
+        check_settings(self, "whole", "robots", "max_steps", "patch_radius")
         check_settings(self, "share", "random_start")
+
+    @property
+    def terms(self) -> Terms:
+        """How the robots are sent out."""
+        return Terms(**{each.name: getattr(self, each.name) for each in fields(Terms)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplorerConfig(ExpeditionConfig):
+    """Settings of the explorer: imitation with a memory of what was seen; the learning rate falls along a cosine."""
+
+    algorithm: ClassVar[Generalist] = "explorer"
+
+    total_timesteps: int = 192_000
+    """Steps of the whole schedule, counted over all robots."""
+    learning_rate: float = 2e-3
+    n_steps: int = 4
+    """Mean number of steps of each robot between two updates."""
+    guess_coef: float = 0.5
+    """Weight of the error in the guess which unknown cells are feasible, beside the detours."""
+    max_grad_norm: float = 1.0
+    """Longest gradient, in the Euclidean norm; longer ones are cut."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_settings(self, "whole", "total_timesteps", "n_steps")
+        check_settings(self, "positive", "max_grad_norm")
         if not 0 <= self.guess_coef < float("inf"):
             raise ValueError(f"guess_coef={self.guess_coef} must not be negative")
 
@@ -61,6 +78,34 @@ class ExplorerConfig(MapAgentConfig):
         from agents.exploration import Exploration
 
         return Exploration(self, network, rng)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplorerPpoConfig(ExpeditionConfig, ProximalConfig):
+    """Settings of the explorer that learns by PPO; ``weights`` from imitation are optional."""
+
+    algorithm: ClassVar[Generalist] = "explorer_ppo"
+
+    total_timesteps: int = 400_000
+    n_plans: int = 8
+    """Plans of each robot between two updates."""
+    plan_steps: int = 4
+    """Steps that a robot takes by a plan before it makes a new one."""
+    n_epochs: int = 2
+    learning_rate: float = 1e-3
+    final_learning_rate: float = 1e-4
+    gamma: float = 0.995
+    ent_coef: float = 0.002
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_settings(self, "whole", "n_plans", "plan_steps")
+
+    def teacher(self, network: nn.Module, rng: np.random.Generator) -> Teacher:
+        """PPO alone: it asks no oracle."""
+        from agents.explorer_ppo import ExplorerPpo
+
+        return ExplorerPpo(self, network, rng)
 
 
 @dataclass(frozen=True, kw_only=True)

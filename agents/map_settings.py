@@ -106,27 +106,20 @@ class ImitationConfig(MapAgentConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScenePpoConfig(MapAgentConfig):
-    """Settings of PPO by scene."""
+class ProximalConfig(MapAgentConfig):
+    """Settings of PPO of our own, for networks that answer for all cells of a map."""
 
     total_timesteps: int
     """Steps of the whole schedule, counted over all robots."""
-    scenes: int = 16
-    """Scenes in a rollout."""
-    robots: int = 16
-    """Robots in each, with random starts."""
-    n_steps: int = 32
-    """Steps of each robot between two updates."""
     n_epochs: int = 4
-    """Passes over the rollout in an update, each one gradient step."""
-    learning_rate: float = 4e-3
-    final_learning_rate: float = 2e-4
+    """Passes over a rollout in an update."""
+    final_learning_rate: float
     """Learning rate at the end of the schedule; it falls linearly."""
     gamma: float = 0.99
     """Discount factor."""
     gae_lambda: float = 0.95
     """Trade-off between bias and variance in the advantages."""
-    ent_coef: float = 0.02
+    ent_coef: float
     """Weight of the entropy bonus at the start; it falls linearly to zero."""
     vf_coef: float = 0.5
     """Weight of the critic's error."""
@@ -137,12 +130,31 @@ class ScenePpoConfig(MapAgentConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "whole", "total_timesteps", "scenes", "robots", "n_steps", "n_epochs")
+        check_settings(self, "whole", "total_timesteps", "n_epochs")
         check_settings(self, "positive", "final_learning_rate", "clip_range", "max_grad_norm")
         check_settings(self, "share", "gamma", "gae_lambda")
         for name in ("ent_coef", "vf_coef"):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise ValueError(f"{name}={getattr(self, name)} must not be negative")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenePpoConfig(ProximalConfig):
+    """Settings of PPO by scene."""
+
+    scenes: int = 16
+    """Scenes in a rollout."""
+    robots: int = 16
+    """Robots in each, with random starts."""
+    n_steps: int = 32
+    """Steps of each robot between two updates."""
+    learning_rate: float = 4e-3
+    final_learning_rate: float = 2e-4
+    ent_coef: float = 0.02
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_settings(self, "whole", "scenes", "robots", "n_steps")
 
     def teacher(self, network: nn.Module, rng: np.random.Generator) -> Teacher:
         """PPO alone: it asks no oracle."""

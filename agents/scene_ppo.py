@@ -12,13 +12,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from agents.descent import descend
+from agents.descent import descend, linear
 from agents.map_network import maps_of
 from agents.map_settings import ScenePpoConfig
+from agents.proximal import GOAL_BONUS, WayCritic, advantages, normalised, proximal_loss
 from irs_gym.grid import MOVE_LENGTHS, MOVES, octile_distance
 from irs_gym.pool import Pool
-
-GOAL_BONUS = 20.0  # cells: the environment's 10 m
 
 
 class Rollout(NamedTuple):
@@ -40,17 +39,14 @@ class Rules(NamedTuple):
 
 
 class ScenePpo:
-    """PPO whose critic is an affine function of the network's own estimate of the way to go.
+    """PPO that uses of the oracle nothing but whether the goal can be reached, for the random starts.
 
-    Of the oracle it uses nothing but whether the goal can be reached, for the random starts, as the environment does.
+    The environment does the same.
     """
 
     def __init__(self, config: ScenePpoConfig, network: nn.Module, rng: np.random.Generator) -> None:
         self.config, self.network, self._rng = config, network, rng
-        self.critic = nn.Linear(2, 1)  # of the way to go and the octile distance, in units of 20 cells
-        with torch.no_grad():
-            self.critic.weight.copy_(torch.tensor([[-20.0, 20.0]]))
-            self.critic.bias.fill_(GOAL_BONUS)
+        self.critic = WayCritic()
         self._optimizer = torch.optim.Adam([*network.parameters(), *self.critic.parameters()], config.learning_rate)
 
     def update(self, pool: Pool, progress: float) -> tuple[int, dict[str, float]]:
@@ -63,9 +59,13 @@ class ScenePpo:
         starts = self._draw_starts(pool, scenes)
         rollout = self._roll_out(rules, starts, log_probabilities.exp().numpy(), values.numpy())
         before = log_probabilities[rollout.cell, rollout.action]
-        rate = config.learning_rate + progress * (config.final_learning_rate - config.learning_rate)
+        advantage, rate = normalised(rollout.advantage), linear(config, progress)
         for _ in range(config.n_epochs):
-            loss, seen = self._loss(maps, rules, rollout, before, config.ent_coef * (1.0 - progress))
+            log_probabilities, values = self._ask(maps, rules)
+            there = log_probabilities[rollout.cell], values[rollout.cell]
+            loss, seen = proximal_loss(
+                config, progress, there[0], rollout.action, before, advantage, there[1], rollout.value_target
+            )
             descend(self._optimizer, loss, rate, config.max_grad_norm)
         return rollout.cell.size, seen
 
@@ -73,8 +73,7 @@ class ScenePpo:
         """Logarithms of the probabilities of moves ``(cells, 8)``, and values ``(cells,)`` in cells."""
         plan = self.network(maps)
         log_probabilities = plan.logits.movedim(1, -1).reshape(-1, len(MOVES)).log_softmax(dim=-1)
-        features = torch.stack([plan.to_go.flatten(), torch.from_numpy(rules.octile)], dim=-1) / 20.0
-        return log_probabilities, self.critic(features)[:, 0]
+        return log_probabilities, self.critic.values(plan.to_go.flatten(), torch.from_numpy(rules.octile))
 
     def _draw_starts(self, pool: Pool, scenes: NDArray[np.int64]) -> NDArray[np.int64]:
         """A start for each step of each robot, ``(T + 1, N)``: the environment's random start, should it be needed."""
@@ -98,29 +97,9 @@ class ScenePpo:
             actions[t], rewards[t] = action, rules.reward[here, action]
             ahead[t], is_over = rules.ahead[here, action], rules.is_over[here, action]
             keep[t], here = ~is_over, np.where(is_over, starts[t + 1], ahead[t])
-        advantage, config = np.zeros_like(rewards), self.config
-        error = rewards + config.gamma * keep * values[ahead] - values[cells]
-        running = np.zeros(cells.shape[1], dtype=np.float32)
-        for t in reversed(range(len(cells))):
-            running = error[t] + config.gamma * config.gae_lambda * keep[t] * running
-            advantage[t] = running
+        error = rewards + self.config.gamma * keep * values[ahead] - values[cells]
+        advantage = advantages(error, keep, self.config.gamma * self.config.gae_lambda)
         return Rollout(cells, actions, advantage, advantage + values[cells])
-
-    def _loss(
-        self, maps: Tensor, rules: Rules, rollout: Rollout, before: Tensor, ent_coef: float
-    ) -> tuple[Tensor, dict[str, float]]:
-        all_log_probabilities, all_values = self._ask(maps, rules)
-        cells, target = torch.from_numpy(rollout.cell), torch.from_numpy(rollout.value_target)
-        log_probabilities = all_log_probabilities[cells]
-        advantage = torch.from_numpy(rollout.advantage)
-        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-        after = log_probabilities.gather(-1, torch.from_numpy(rollout.action)[..., None])[..., 0]
-        ratio, clip = (after - before).exp(), self.config.clip_range
-        gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage).mean()
-        error = (all_values[cells] - target).square().mean() / (target.var() + 1.0)
-        entropy = -(log_probabilities.exp() * log_probabilities).sum(dim=-1).mean()
-        loss = -gain + self.config.vf_coef * error - ent_coef * entropy
-        return loss, {"loss": loss.item(), "value_error": error.item(), "entropy": entropy.item()}
 
 
 def rules_of(pool: Pool, scenes: NDArray[np.int64]) -> Rules:

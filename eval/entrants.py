@@ -29,6 +29,7 @@ TITLES = {
     "vin": "value-iteration network, imitation",
     "map_ppo": "PPO (SB3), convolutional",
     "explorer": "explorer: imitation with memory",
+    "explorer_ppo": "explorer: PPO with memory",
     "local_ppo": "PPO (SB3)",
     "recurrent_ppo": "RecurrentPPO (sb3-contrib)",
     "replanning": "optimistic replanning",
@@ -162,8 +163,9 @@ def _play(run: Run, pools: Mapping[str, Pool]) -> dict[str, Episodes]:
 
 
 def _settings(run: Run) -> str:
-    """All that runs of one entrant have in common, but the weights to begin with, which are named by the seed."""
-    agent = {name: value for name, value in run.config.agent.items() if name != "weights"}
+    """All that runs of one entrant have in common; weights to begin with are named by the seed, and count as some."""
+    weights = "from another run" if run.config.agent.get("weights") else None
+    agent = {**run.config.agent, "weights": weights}
     return json.dumps({"agent": agent, "env": run.config.env}, sort_keys=True)
 
 
@@ -171,5 +173,7 @@ def _differences(own: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) ->
     """The agent's settings that set it apart from others of the same algorithm."""
     agents = [each["agent"] for each in others]
     return [
-        f"{name} {value}" for name, value in own["agent"].items() if any(each.get(name) != value for each in agents)
+        f"{name} {value}"
+        for name, value in own["agent"].items()
+        if value is not None and any(each.get(name) != value for each in agents)
     ]

@@ -25,10 +25,20 @@ def main(
     out: Path = MODELS,
     algorithms: tuple[
         Literal[
-            "ppo", "maskable_ppo", "dqn", "qr_dqn", "planner", "planner_ppo", "unet", "unet_ppo", "vin", "explorer"
+            "ppo",
+            "maskable_ppo",
+            "dqn",
+            "qr_dqn",
+            "planner",
+            "planner_ppo",
+            "unet",
+            "unet_ppo",
+            "vin",
+            "explorer",
+            "explorer_ppo",
         ],
         ...,
-    ] = ("ppo", "dqn", "planner", "planner_ppo", "unet", "unet_ppo", "explorer"),
+    ] = ("ppo", "dqn", "planner", "planner_ppo", "unet", "unet_ppo", "explorer", "explorer_ppo"),
 ) -> int:
     """Keep the best policy of each algorithm on each problem among all runs below a folder.
 

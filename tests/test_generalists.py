@@ -33,6 +33,10 @@ TINY = {
     "explorer": split(
         "--agent.total-timesteps 640 --agent.robots 8 --agent.width 8 --eval-every 200 --checkpoint-every 100"
     ),
+    "explorer_ppo": split(
+        "--agent.total-timesteps 640 --agent.robots 8 --agent.width 8 --agent.n-plans 2 --agent.plan-steps 3 "
+        "--eval-every 200 --checkpoint-every 100"
+    ),
     "local_ppo": _SB3,
     "recurrent_ppo": _SB3 + split("--agent.lstm-hidden-size 8"),
     "map_ppo": _SB3,

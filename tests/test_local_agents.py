@@ -10,20 +10,23 @@ import torch
 from tiny_pool import tiny_pool
 
 from agents.algorithms import read_network
+from agents.expedition import Expedition, Terms
 from agents.exploration import Exploration
 from agents.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
 from agents.explorer_policy import Explorer
 from agents.imitation import detours_of_moves
 from agents.local_extractor import FRAME, LocalExtractor
-from agents.local_settings import ExplorerConfig, LocalPpoConfig
+from agents.local_settings import ExplorerConfig, ExplorerPpoConfig, LocalPpoConfig
 from agents.map_learner import MapLearner
 from agents.map_policy import MapPolicy
 from agents.pool_rollout import most_steps, play
+from agents.proximal import advantages, draw, proximal_loss
 from agents.replanning import Replanner
 from agents.rollout import evaluation_env, roll_out
 from agents.seen import Seen, parts_of, patches_of
-from irs_gym.grid import MOVE_LENGTHS, legal_moves
+from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
 from irs_gym.oracle import distance_to_go
+from irs_gym.pool import Pool
 from irs_gym.task import Task
 
 POOL = tiny_pool(6, (9, 7))
@@ -210,16 +213,141 @@ def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_g
     torch.manual_seed(0)
     teacher, ends = Exploration(config, ExplorerNetwork(8), np.random.default_rng(0)), 0
     for _ in range(20):
-        steps = teacher._steps.copy()
+        steps = 0 if teacher._expedition is None else teacher._expedition.steps.copy()
         teacher.update(POOL, 0.5)
-        cells, scenes = teacher._cells, teacher._scenes
+        robots = teacher._expedition
+        cells, scenes = robots.cells, robots.scenes
         assert POOL.feasible[scenes, cells[:, 0], cells[:, 1]].all()
         assert (cells != POOL.goal[scenes]).any(axis=1).all()
-        assert (teacher._steps < 15).all()
+        assert (robots.steps < 15).all()
         here = np.arange(len(cells))
-        assert not np.isnan(teacher._seen.maps[here, cells[:, 0], cells[:, 1]]).any()
-        ends += int((teacher._steps < steps).sum())
+        assert not np.isnan(robots.seen.maps[here, cells[:, 0], cells[:, 1]]).any()
+        ends += int((robots.steps < steps).sum())
     assert ends > 0
+
+
+TERMS = Terms(robots=10, patch_radius=1, max_steps=12, random_start=0.5)
+
+
+def test_robots_of_an_expedition_move_as_the_environment_says():
+    rng = np.random.default_rng(0)
+    robots, ends = Expedition(TERMS, POOL, rng), 0
+    for _ in range(40):
+        moves, waits = rng.integers(8, size=10), rng.random(10) < 0.2
+        before, scenes, steps = robots.cells.copy(), robots.scenes.copy(), robots.steps.copy()
+        arrival = robots.move(POOL, moves, waits)
+        for n in range(10):
+            legal = legal_moves(POOL.feasible[scenes[n]])[*before[n], moves[n]]
+            can = bool(legal) and not waits[n]
+            np.testing.assert_array_equal(arrival.cells[n], before[n] + MOVES[moves[n]] * can)
+            is_there = (arrival.cells[n] == POOL.goal[scenes[n]]).all()
+            assert arrival.is_there[n] == is_there
+            assert arrival.is_over[n] == (is_there or steps[n] + (not waits[n]) >= 12)
+            if not arrival.is_over[n]:
+                np.testing.assert_array_equal(robots.cells[n], arrival.cells[n])
+                assert robots.steps[n] == steps[n] + (not waits[n])
+        margin, goals, _ = robots.known(POOL)
+        places = np.arange(10), robots.cells[:, 0], robots.cells[:, 1]
+        assert (margin.numpy()[places] >= 0).all()
+        np.testing.assert_array_equal(goals.numpy(), POOL.goal[robots.scenes] @ [POOL.shape[1], 1])
+        ends += int(arrival.is_over.sum())
+        fresh = np.flatnonzero(arrival.is_over)
+        assert (robots.steps[fresh] == 0).all()
+        assert (np.isfinite(margin.numpy()[fresh]).sum(axis=(1, 2)) <= 9).all()  # it knows what it sees
+    assert ends > 10
+
+
+def ppo(**more):
+    config = ExplorerPpoConfig(robots=12, n_plans=3, plan_steps=4, patch_radius=2, width=8, total_timesteps=1, **more)
+    torch.manual_seed(0)
+    return config.teacher(config.build_network(), np.random.default_rng(0))
+
+
+def test_rewards_of_an_episode_are_the_environments():
+    """In units of a cell: minus the length of the move, plus progress, plus the bonus at the goal."""
+    teacher = ppo()
+    env = env_of(POOL, observation="flat", patch_radius=2)
+    teacher._expedition = robots = Expedition(teacher.config.terms, POOL, np.random.default_rng(1))
+    compared = 0
+    for _ in range(15):
+        scenes, fresh = robots.scenes.copy(), robots.steps == 0
+        with torch.no_grad():
+            stage = teacher._advance(POOL, robots)
+        for n in np.flatnonzero(fresh):
+            if stage.cells[0, n] != POOL.start[scenes[n]] @ [POOL.shape[1], 1]:
+                continue  # the environment would begin elsewhere
+            env.reset(options={"scene_id": int(scenes[n])})
+            for k in range(4):
+                if not stage.took[k, n]:
+                    break
+                _, reward, is_over, *_ = env.step(int(stage.actions[k, n]))
+                assert stage.rewards[k, n] * POOL.cell_size == pytest.approx(reward, abs=1e-4)
+                assert stage.keep[k, n] == (not is_over)
+                compared += 1
+    assert compared > 20
+
+
+def test_advantages_are_those_of_the_returns_where_lambda_is_one():
+    rng = np.random.default_rng(0)
+    rewards, values = rng.normal(size=(2, 7, 3)).astype(np.float32)
+    last, keep = rng.normal(size=3).astype(np.float32), (rng.random((7, 3)) < 0.7).astype(np.float32)
+    ahead = np.concatenate([values[1:], last[None]])
+    found = advantages(rewards + 0.9 * keep * ahead - values, keep, 0.9)
+    following = last
+    for t in reversed(range(7)):
+        following = rewards[t] + 0.9 * keep[t] * following
+        np.testing.assert_allclose(found[t], following - values[t], rtol=1e-4, atol=1e-5)
+
+
+def test_loss_of_a_policy_that_has_not_changed_is_that_of_the_policy_gradient():
+    torch.manual_seed(1)
+    logits, config = torch.randn(50, 8, requires_grad=True), ExplorerPpoConfig(ent_coef=0.0, vf_coef=0.0)
+    rng = np.random.default_rng(1)
+    actions, advantage = rng.integers(8, size=50), torch.randn(50)
+    now = logits.log_softmax(dim=-1)
+    before = now.detach()[torch.arange(50), torch.from_numpy(actions)]
+    values, targets = torch.zeros(50), np.zeros(50, dtype=np.float32)
+    loss, _ = proximal_loss(config, 0.0, now, actions, before, advantage, values, targets)
+    (found,) = torch.autograd.grad(loss, logits, retain_graph=True)
+    by_hand = -(now[torch.arange(50), torch.from_numpy(actions)] * advantage).mean()
+    (expected,) = torch.autograd.grad(by_hand, logits)
+    torch.testing.assert_close(found, expected)
+
+
+def test_drawn_actions_have_the_probabilities():
+    rng = np.random.default_rng(0)
+    probabilities = rng.dirichlet(np.ones(8)).astype(np.float32)
+    drawn = draw(np.tile(probabilities, (40_000, 1)), rng.random(40_000, dtype=np.float32))
+    np.testing.assert_allclose(np.bincount(drawn, minlength=8) / 40_000, probabilities, atol=0.01)
+
+
+def trap() -> Pool:
+    """A dead end on the straight way to the goal, whose end cannot be seen from its entrance."""
+    feasible = np.ones((16, 9), dtype=bool)
+    feasible[4:13, 2] = feasible[4:13, 6] = feasible[12, 2:7] = False
+    start, goal = np.array([[1, 4]]), np.array([[15, 4]])
+    to_go = distance_to_go(feasible, (15, 4), 0.5)[None]
+    gain_db, irs = np.where(feasible, 0.0, -np.inf)[None], np.zeros((1, 3), dtype=np.float32)
+    return Pool((), ("trap",), np.array([-1.0]), gain_db, to_go, irs, start, goal, 0.5)
+
+
+def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
+    pool = trap()
+    config = ExplorerPpoConfig(
+        robots=16, n_plans=4, patch_radius=2, random_start=0.7, total_timesteps=4_000, learning_rate=4e-3
+    )
+    torch.manual_seed(0)
+    teacher, taken = config.teacher(config.build_network(), np.random.default_rng(0)), 0
+    env = env_of(pool, observation="flat", patch_radius=2)
+
+    def episode():
+        return roll_out(Explorer(config.shape, teacher.network, pool.shape), env)
+
+    assert episode().ratio > 1.2
+    while taken < config.total_timesteps:
+        steps, _ = teacher.update(pool, taken / config.total_timesteps)
+        taken += steps
+    assert episode().ratio == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,14 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from agents.algorithms import Algorithm, Generalist
 from agents.checkpoint import Run
 from agents.dqn import DqnConfig
-from agents.local_settings import ExplorerConfig, LocalPpoConfig, MapPpoConfig, RecurrentPpoConfig, ScenesPpoConfig
+from agents.local_settings import (
+    ExplorerConfig,
+    ExplorerPpoConfig,
+    LocalPpoConfig,
+    MapPpoConfig,
+    RecurrentPpoConfig,
+    ScenesPpoConfig,
+)
 from agents.manifest import Config
 from agents.map_settings import (
     MapAgentConfig,
@@ -142,6 +149,7 @@ GENERALIST_DEFAULTS: dict[Generalist, GeneralistConfig] = {
         (UNetPpoConfig(), 100_000),
         (MapPpoConfig(), 100_000),
         (ExplorerConfig(), 64_000),
+        (ExplorerPpoConfig(), 50_000),
         (LocalPpoConfig(), 200_000),
         (RecurrentPpoConfig(), 100_000),
     )

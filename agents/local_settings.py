@@ -86,16 +86,20 @@ class ExplorerPpoConfig(ExpeditionConfig, ProximalConfig):
 
     algorithm: ClassVar[Generalist] = "explorer_ppo"
 
-    total_timesteps: int = 400_000
+    total_timesteps: int = 200_000
+    random_start: float = 0.7
+    """As above: more than in imitation, since only who has been on the longer ways learns what they are worth."""
     n_plans: int = 8
     """Plans of each robot between two updates."""
     plan_steps: int = 4
     """Steps that a robot takes by a plan before it makes a new one."""
     n_epochs: int = 2
-    learning_rate: float = 1e-3
-    final_learning_rate: float = 1e-4
-    gamma: float = 0.995
-    ent_coef: float = 0.002
+    learning_rate: float = 5e-4
+    final_learning_rate: float = 5e-5
+    gamma: float = 1.0
+    """Discount factor: with 1, the critic's target is the length of the way itself."""
+    ent_coef: float = 0.0
+    vf_coef: float = 1.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

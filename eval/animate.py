@@ -1,69 +1,55 @@
-"""`python -m eval animate`: an episode of a run's policy, or of a reference policy, as an animated GIF."""
+"""`python -m eval animate`: an episode of a policy as an animated GIF."""
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import gymnasium
 import numpy as np
 from gymnasium.wrappers import RenderCollection
 from numpy.typing import NDArray
 from PIL import Image
 from tyro.conf import Positional, arg
 
-from agents.checkpoint import Run, write_file
-from agents.heuristics import REFERENCES
-from agents.policy import Policy
-from agents.rollout import arguments_of, roll_out
-from irs_gym.task import Task
+from agents.checkpoint import write_file
+from agents.rollout import roll_out
+from eval.cast import AT_HOME, Cast, Place, cast
 
-ENV_ID = "irs_gym:IrsNav-v0"
 LAST_MS = 2000  # the last frame stays
 
 
 def main(
-    policy: Annotated[Positional[str], arg(metavar="RUN|POLICY", help_behavior_hint="")],
+    policy: Annotated[Positional[str], arg(metavar="ALGORITHM|RUN|POLICY", help_behavior_hint="")],
+    place: Annotated[Place, arg(name="")] = AT_HOME,
     out: Path | None = None,
     model: Literal["best", "last"] = "best",
-    scene: str | None = None,
-    target_db: float | None = None,
     seed: int = 0,
     fps: int = 10,
 ) -> int:
-    """Write an episode from the fixed start as an animated GIF.
+    """Write an episode from the start to the goal as an animated GIF.
 
     Parameters
     ----------
     policy
-        A run folder, or a reference policy: oracle, replanning, greedy, greedy_margin, masked_random or random.
+        An algorithm with a pretrained model (ppo, dqn, planner, explorer ...), a run folder, the file of a network,
+        or a reference policy (oracle, replanning, greedy, greedy_margin, masked_random, random).
+    place
+        Where it plays.
     out
-        The file; by default animation.gif in the run folder, or POLICY.gif here.
+        The file; by default animation.gif in the run folder, or a file named by the policy here.
     model
         Whether the best or the last state of a run's agent plays.
-    scene, target_db
-        Where a reference policy plays, in place of the defaults; a run's agent plays where it was trained.
     seed
         Seed of the random policies.
     fps
         Steps a second.
     """
-    given = {name: value for name, value in (("scene", scene), ("target_db", target_db)) if value is not None}
     try:
-        if not 1 <= fps <= 50:
-            raise ValueError(f"fps={fps} must be an integer from 1 to 50")
-        if policy in REFERENCES:
-            env = _env(Task(**given))
-            player, path = REFERENCES[policy](env, seed), out or Path(f"{policy}.gif")
-        elif given:
-            raise ValueError(f"{', '.join(given)} cannot be given along with a run, which plays where it was trained")
-        else:
-            run = Run.open(policy)
-            env = _env(run.task)
-            player, path = run.load_model(model), out or run.folder / "animation.gif"
-        frames, summary = film(player, env)
+        check_fps(fps)
+        found = cast(policy, place, "rgb_array", model=model, seed=seed)
+        path = out or (Path(policy, "animation.gif") if Path(policy).is_dir() else Path(f"{Path(policy).stem}.gif"))
+        frames, summary = film(found)
         write_file(path, as_gif(frames, fps))
     except (OSError, ValueError) as error:
         print(f"python -m eval animate: {error}", file=sys.stderr)
@@ -72,10 +58,16 @@ def main(
     return 0
 
 
-def film(policy: Policy, env: gymnasium.Env[Any, Any]) -> tuple[list[NDArray[np.uint8]], str]:
+def check_fps(fps: int) -> None:
+    """Raise ``ValueError`` where that many steps a second cannot be shown."""
+    if not 1 <= fps <= 50:
+        raise ValueError(f"fps={fps} must be an integer from 1 to 50")
+
+
+def film(found: Cast) -> tuple[list[NDArray[np.uint8]], str]:
     """Pictures of an episode, the first before any move, and what came of it in words."""
-    camera: Any = RenderCollection(env)
-    episode = roll_out(policy, camera)
+    camera: Any = RenderCollection(found.env)
+    episode = roll_out(found.policy, camera, options=found.options)
     ended = "reached the goal" if episode.is_success else "did not reach the goal"
     summary = f"{ended} after {episode.distance:.3f} m, the oracle needs {episode.oracle_distance:.3f} m"
     return camera.render(), summary
@@ -95,7 +87,3 @@ def as_gif(frames: Sequence[NDArray[np.uint8]], fps: int) -> bytes:
         loop=0,
     )
     return content.getvalue()
-
-
-def _env(task: Task) -> gymnasium.Env[Any, Any]:
-    return gymnasium.make(ENV_ID, render_mode="rgb_array", **arguments_of(replace(task, random_start=False)))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.algorithms import LOCAL
-from agents.checkpoint import Run, write_file
+from agents.checkpoint import Run, RunError, write_file
 from agents.pool_rollout import Episodes
 from eval.results import COMPLETE, LeftOut, find_runs
 from eval.unseen import Player, player_of, reference
@@ -163,10 +163,19 @@ def _play(run: Run, pools: Mapping[str, Pool]) -> dict[str, Episodes]:
 
 
 def _settings(run: Run) -> str:
-    """All that runs of one entrant have in common; weights to begin with are named by the seed, and count as some."""
-    weights = "from another run" if run.config.agent.get("weights") else None
-    agent = {**run.config.agent, "weights": weights}
+    """All that runs of one entrant have in common; of weights to begin with that is whose they are."""
+    agent = {**run.config.agent, "weights": _maker(run.config.agent.get("weights"))}
     return json.dumps({"agent": agent, "env": run.config.env}, sort_keys=True)
+
+
+def _maker(weights: str | None) -> str | None:
+    """The algorithm of the run that has trained some weights."""
+    if weights is None:
+        return None
+    try:
+        return f"of {Run.open(weights).config.algorithm}"
+    except RunError:
+        return "from elsewhere"
 
 
 def _differences(own: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -2,7 +2,6 @@
 
 import sys
 import time
-from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,36 +15,31 @@ from rich.live import Live
 from rich.text import Text
 from tyro.conf import Positional, arg
 
-from agents.algorithms import ALGORITHMS
-from agents.checkpoint import Run, write_file
-from agents.heuristics import REFERENCES
-from agents.policy import Policy
-from agents.pretrained import load_pretrained
-from agents.rollout import Episode, arguments_of, roll_out
-from eval.animate import as_gif, film
-from irs_gym.task import Task
+from agents.checkpoint import write_file
+from agents.rollout import Episode, roll_out
+from eval.animate import as_gif, check_fps, film
+from eval.cast import AT_HOME, Cast, Place, cast
 
 LAST_LINES = 2  # of a frame in text: its legend
 
 
 def main(
     policy: Annotated[Positional[str], arg(metavar="ALGORITHM|RUN|POLICY", help_behavior_hint="")],
-    target_db: float | None = None,
-    phase_bits: int | None = None,
-    irs_elements: int | None = None,
+    place: Annotated[Place, arg(name="")] = AT_HOME,
     human: bool = False,
     gif: Path | None = None,
     fps: int = 10,
     seed: int = 0,
 ) -> int:
-    """Watch a policy on its way from the fixed start to the goal.
+    """Watch a policy on its way from the start to the goal.
 
     Parameters
     ----------
     policy
-        An algorithm with a pretrained model (ppo, dqn), a run folder, or a reference policy (oracle, greedy ...).
-    target_db, phase_bits, irs_elements
-        Where it plays; not with a run folder, whose agent plays where it was trained.
+        An algorithm with a pretrained model (ppo, dqn, planner, explorer ...), a run folder, the file of a network,
+        or a reference policy (oracle, replanning, greedy ...).
+    place
+        Where it plays.
     human
         Whether to open a window instead of writing to the terminal.
     gif
@@ -55,19 +49,15 @@ def main(
     seed
         Seed of the random policies.
     """
-    given = {"target_db": target_db, "phase_bits": phase_bits, "irs_elements": irs_elements}
-    given = {name: value for name, value in given.items() if value is not None}
-    mode = "rgb_array" if gif or human else "ansi"
     try:
-        if not 1 <= fps <= 50:
-            raise ValueError(f"fps={fps} must be an integer from 1 to 50")
-        player, env = prepare(policy, given, mode, seed)
+        check_fps(fps)
+        found = cast(policy, place, "rgb_array" if gif or human else "ansi", seed=seed)
         if gif:
-            frames, _ = film(player, env)
+            frames, _ = film(found)
             write_file(gif, as_gif(frames, fps))
             print(f"written: {gif}")
             return 0
-        episode = show_in_window(player, env, fps) if human else show(player, env, fps)
+        episode = show_in_window(found, fps) if human else show(found, fps)
     except KeyboardInterrupt:
         return 130
     except DependencyNotInstalled:
@@ -81,36 +71,11 @@ def main(
     return 0
 
 
-def prepare(name: str, given: dict[str, Any], mode: str, seed: int) -> tuple[Policy, gymnasium.Env[Any, Any]]:
-    """The policy of that name, and an environment for it that renders in a mode.
-
-    Raises
-    ------
-    OSError
-        Where a file cannot be read.
-    ValueError
-        Where there is no such policy, or it does not play there.
-    """
-    if name in ALGORITHMS and not Path(name, "manifest.json").exists():
-        pretrained = load_pretrained(name, **given)
-        return pretrained, pretrained.make_env(mode)
-    if name in REFERENCES:
-        env = _env(Task(**given), mode)
-        return REFERENCES[name](env, seed), env
-    if not Path(name).exists():
-        known = ", ".join([*ALGORITHMS, *REFERENCES])
-        raise ValueError(f"{name!r} is neither a run folder nor one of {known}")
-    if given:
-        raise ValueError(f"{', '.join(given)} cannot be given along with a run: its agent plays where it was trained")
-    run = Run.open(name)
-    return run.load_model(), _env(run.task, mode)
-
-
-def show(policy: Policy, env: gymnasium.Env[Any, Any], fps: int) -> Episode:
+def show(found: Cast, fps: int) -> Episode:
     """Play an episode in the terminal; where the output goes elsewhere, only the last frame is written."""
-    console = Console()
+    console, policy, env = Console(), found.policy, found.env
     if not console.is_terminal:
-        episode = roll_out(policy, env)
+        episode = roll_out(policy, env, options=found.options)
         print(env.render())
         return episode
     with Live(console=console, auto_refresh=False) as live:
@@ -121,16 +86,16 @@ def show(policy: Policy, env: gymnasium.Env[Any, Any], fps: int) -> Episode:
             time.sleep(1 / fps)
             return policy.predict(*observation, **settings)
 
-        episode = roll_out(SimpleNamespace(predict=predict), env)
+        episode = roll_out(SimpleNamespace(predict=predict), env, options=found.options)
         _draw(env, live)
     return episode
 
 
-def show_in_window(policy: Policy, env: gymnasium.Env[Any, Any], fps: int) -> Episode:
+def show_in_window(found: Cast, fps: int) -> Episode:
     """Play an episode in a window, which stays open for a second."""
-    env.metadata = {**env.metadata, "render_fps": fps}
-    window = HumanRendering(env)
-    episode = roll_out(policy, window)
+    found.env.metadata = {**found.env.metadata, "render_fps": fps}
+    window = HumanRendering(found.env)
+    episode = roll_out(found.policy, window, options=found.options)
     time.sleep(1)
     window.close()
     return episode
@@ -151,7 +116,3 @@ def fit(frame: str, height: int) -> str:
     robot = next(n for n, row in enumerate(rows) if "R" in row)
     first = min(max(0, robot - room // 2), len(rows) - room)
     return "\n".join([*head, *rows[first : first + room], *legend])
-
-
-def _env(task: Task, mode: str) -> gymnasium.Env[Any, Any]:
-    return gymnasium.make("irs_gym:IrsNav-v0", render_mode=mode, **arguments_of(replace(task, random_start=False)))

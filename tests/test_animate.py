@@ -14,6 +14,7 @@ from agents.heuristics import oracle
 from agents.manifest import Config
 from agents.rollout import arguments_of
 from eval.animate import LAST_MS, as_gif, film, main
+from eval.cast import Cast, Place
 from irs_gym.task import Task
 
 CLOSE = Task(observation="flat", patch_radius=1, irs_phases=False, target_db=-62.2, start=(30, 22), goal=(33, 20))
@@ -30,7 +31,7 @@ def frames_of(content: bytes) -> list[np.ndarray]:
 
 def test_film_has_the_picture_before_any_move_and_one_for_each_step():
     env = gymnasium.make("irs_gym:IrsNav-v0", render_mode="rgb_array", **arguments_of(CLOSE))
-    frames, summary = film(oracle(env), env)
+    frames, summary = film(Cast(oracle(env), env))
     steps = len(env.unwrapped.path) - 1
     assert len(frames) == 1 + steps > 3
     assert "reached the goal after" in summary
@@ -41,7 +42,7 @@ def test_film_has_the_picture_before_any_move_and_one_for_each_step():
 
 def test_gif_holds_every_frame_in_its_colours_and_holds_the_last():
     env = gymnasium.make("irs_gym:IrsNav-v0", render_mode="rgb_array", **arguments_of(CLOSE))
-    frames, _ = film(oracle(env), env)
+    frames, _ = film(Cast(oracle(env), env))
     content = as_gif(frames, fps=20)
     for ours, theirs in zip(frames_of(content), frames, strict=True):
         assert np.abs(ours.astype(int) - theirs).mean() < 2
@@ -52,7 +53,7 @@ def test_gif_holds_every_frame_in_its_colours_and_holds_the_last():
 
 
 def test_command_writes_a_reference_policys_episode(tmp_path, capsys):
-    assert main("oracle", out=tmp_path / "oracle.gif", target_db=-63.0) == 0
+    assert main("oracle", Place(target_db=-63.0), out=tmp_path / "oracle.gif") == 0
     assert "reached the goal after 21.571 m, the oracle needs 21.571 m" in capsys.readouterr().out
     assert len(frames_of((tmp_path / "oracle.gif").read_bytes())) > 20
 
@@ -66,17 +67,17 @@ def test_command_writes_an_episode_of_a_run_into_its_folder(tmp_path, capsys):
     assert main(str(run.folder)) == 0
     assert str(run.folder / "animation.gif") in capsys.readouterr().out
     assert len(frames_of((run.folder / "animation.gif").read_bytes())) > 1
-    assert main(str(run.folder), target_db=-63.0) == 2
+    assert main(str(run.folder), Place(target_db=-63.0)) == 2
     assert "target_db cannot be given along with a run" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("policy", "settings", "message"),
     [
-        ("nowhere", {}, "'nowhere' is not a run folder"),
+        ("nowhere", {}, "'nowhere' is neither a run folder nor one of ppo"),
         ("oracle", {"fps": 0}, "fps=0 must be"),
-        ("oracle", {"target_db": -20.0}, "highest feasible target"),
-        ("oracle", {"scene": "nowhere.json"}, "nowhere.json"),
+        ("oracle", {"place": Place(target_db=-20.0)}, "highest feasible target"),
+        ("oracle", {"place": Place(scene="nowhere.json")}, "nowhere.json"),
     ],
 )
 def test_mistakes_are_told_in_a_line(policy, settings, message, capsys, tmp_path, monkeypatch):

@@ -216,6 +216,8 @@ def test_policy_is_watched_in_the_terminal_and_as_a_gif(monkeypatch, capsys, tmp
     run = save_run(tmp_path / "run", "ppo", 0, net_arch=[8])
     assert call(monkeypatch, "watch", run.folder) == 0
     assert "did not reach the goal" in capsys.readouterr().out
+    assert call(monkeypatch, "watch", run.folder, "--target-db", -63) == 2
+    assert "target_db cannot be given along with a run" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -225,7 +227,6 @@ def test_policy_is_watched_in_the_terminal_and_as_a_gif(monkeypatch, capsys, tmp
         (["ppo", "--target-db", "-70.25"], "no pretrained 'ppo' for -70.25 dB"),
         (["ppo", "--fps", "0"], "fps=0"),
         (["oracle", "--target-db", "-50"], "infeasible"),
-        ([str(MODELS), "--target-db", "-63"], "cannot be given along with a run"),
         ([str(MODELS)], "manifest.json' is damaged"),
     ],
 )

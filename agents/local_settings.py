@@ -88,7 +88,8 @@ class ExplorerPpoConfig(ExpeditionConfig, ProximalConfig):
 
     total_timesteps: int = 200_000
     random_start: float = 0.7
-    """As above: more than in imitation, since only who has been on the longer ways learns what they are worth."""
+    """Probability of a start drawn among the cells from which the goal can be reached. From the scene's start alone, no
+    robot comes upon the longer ways that would teach it what they are worth."""
     n_plans: int = 8
     """Plans of each robot between two updates."""
     plan_steps: int = 4

@@ -2,14 +2,18 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from rich.progress import track
 
 from agents.algorithms import LOCAL
 from agents.checkpoint import Run, RunError, write_file
@@ -88,20 +92,21 @@ def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
 
 
 def enter(
-    runs: Sequence[Run], pools: Mapping[Track, Mapping[str, Pool]], show: Callable[..., Any] = iter
+    runs: Sequence[Run], pools: Mapping[Track, Mapping[str, Pool]], jobs: int = 1, title: str | None = None
 ) -> list[Entrant]:
-    """Play all runs on the sets of their tracks; what was played before is read from the run's folder.
+    """Play all runs on the sets of their tracks, so many at a time; what was played before is read from their folders.
 
-    What is but a point of the curve over training scenes plays the test scenes alone. ``show`` wraps the sequence of
-    runs, to tell how far it is.
+    What is but a point of the curve over training scenes plays the test scenes alone. A progress bar is shown where it
+    has a title.
     """
+    in_order = sorted(runs, key=lambda run: run.config.seed)
     groups: dict[tuple[str, str], list[tuple[Run, dict[str, Episodes]]]] = {}
-    for run in show(sorted(runs, key=lambda run: run.config.seed)):
-        sets = pools[track_of(run.config.algorithm)]
-        if is_point(run.config.algorithm, run.config.env["num_scenes"]):
-            sets = {"test": sets["test"]}
-        played = _play(run, sets)
-        groups.setdefault((run.config.algorithm, _settings(run)), []).append((run, played))
+    # PyTorch works outside of the interpreter's lock. Of its own threads one each is enough: more wait for each other.
+    with ThreadPoolExecutor(jobs, initializer=partial(torch.set_num_threads, 1)) as threads:
+        played = threads.map(lambda run: _play(run, pools[track_of(run.config.algorithm)]), in_order)
+        shown = track(played, title or "", total=len(runs), transient=True, disable=title is None)
+        for run, episodes in zip(in_order, shown, strict=True):
+            groups.setdefault((run.config.algorithm, _settings(run)), []).append((run, episodes))
     entrants = []
     for (algorithm, settings), found in groups.items():
         others = [json.loads(other) for name, other in groups if name == algorithm]
@@ -152,6 +157,8 @@ def kept(file: Path, pool: Pool, model: str, player: Player) -> Episodes:
 
 
 def _play(run: Run, pools: Mapping[str, Pool]) -> dict[str, Episodes]:
+    if is_point(run.config.algorithm, run.config.env["num_scenes"]):
+        pools = {"test": pools["test"]}
     player, played = player_of(run), {}
     for name, pool in pools.items():
         try:

@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import gymnasium
 import numpy as np
 import torch
-from rich.progress import track as progress
 from tyro.conf import Positional, arg
 
 from agents.algorithms import observation_of
@@ -31,6 +30,7 @@ from irs_gym.pool import Pool, build_pool, pool_of
 
 FIGURES = "figures/generalisation"
 SETS = ("test", "ood-clutter", "ood-irs", "ood-size")
+LARGE = "ood-size"
 LARGEST = "160x160"
 LARGEST_SCENES = 20
 GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
@@ -41,7 +41,8 @@ def main(
     folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
     out: Path = Path("docs"),
     num_scenes: int = 1000,
-    local_ood_scenes: int = 200,
+    local_large_scenes: int = 200,
+    jobs: int = 2,
     trained_by: str | None = None,
 ) -> int:
     """Write generalisation.md, its data and its figures from all runs over many scenes below a folder.
@@ -56,20 +57,23 @@ def main(
         Folder of the page.
     num_scenes
         Scenes of each set, from the first on.
-    local_ood_scenes
-        Scenes of each set of another kind in the local track, where every step costs a plan.
+    local_large_scenes
+        Scenes of the set of large maps in the local track, where every step costs a plan.
+    jobs
+        Runs played at a time.
     trained_by
         The commands that trained the runs, to stand on the page, separated by semicolons.
     """
     try:
-        if min(num_scenes, local_ood_scenes) < 1:
-            raise ValueError(f"num_scenes={num_scenes} and local_ood_scenes={local_ood_scenes} must be 1 or more")
+        if min(num_scenes, local_large_scenes, jobs) < 1:
+            given = f"num_scenes={num_scenes}, local_large_scenes={local_large_scenes} and jobs={jobs}"
+            raise ValueError(f"{given} must be 1 or more")
         runs, left_out = find_generalists(folder)
         if not runs:
             raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
-        torch.set_num_threads(1)  # two threads on a busy machine wait for each other
-        pools = {track: pools_of(track, num_scenes, min(num_scenes, local_ood_scenes)) for track in ("map", "local")}
-        entrants = enter(runs, pools, lambda each: progress(each, "playing", transient=True))
+        torch.set_num_threads(1)  # of PyTorch in a run: more wait for each other
+        pools = {track: pools_of(track, num_scenes, min(num_scenes, local_large_scenes)) for track in ("map", "local")}
+        entrants = enter(runs, pools, jobs, "playing")
         entrants += [enter_reference(name, pools["local"], folder / "references") for name in REFERENCES]
         record = record_of(entrants, left_out, pools)
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
@@ -89,9 +93,11 @@ def main(
     return 0
 
 
-def pools_of(track: Track, num_scenes: int, local_ood_scenes: int) -> dict[str, Pool]:
+def pools_of(track: Track, num_scenes: int, local_large_scenes: int) -> dict[str, Pool]:
     """The sets that a track is scored on."""
-    sizes = dict.fromkeys(SETS, num_scenes if track == "map" else local_ood_scenes) | {"test": num_scenes}
+    sizes = dict.fromkeys(SETS, num_scenes)
+    if track == "local":
+        sizes[LARGE] = local_large_scenes
     found = {name: build_pool(name, size) for name, size in sizes.items()}
     if track == "map":
         found[LARGEST] = largest_pool(min(LARGEST_SCENES, num_scenes))

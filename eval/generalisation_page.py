@@ -37,8 +37,8 @@ LOCAL = """## Local track
 The agent sees its position, the gains in the 11 x 11 cells around it and what IRS there is. The optimum with full
 knowledge is then a bound that nobody can always reach, so the reference is *optimistic replanning*: Dijkstra over what
 the robot has seen, the unknown taken for feasible, which is what D* Lite computes. The column *over replanning* is the
-mean difference in SPL on the same scenes, with an interval from resampling seeds and scenes. In this track, each set of
-another kind counts its first {ood_scenes} scenes."""
+mean difference in SPL on the same scenes, with an interval from resampling seeds and scenes. In this track, the
+set of large maps counts its first {large_scenes} scenes: every step costs a plan."""
 
 PAPER = """## The paper's scene
 
@@ -81,7 +81,7 @@ def markdown(record: Mapping[str, Any], figures: str) -> str:
     return page(
         introduction,
         MAP, _scores(by_track["map"]), _elsewhere(by_track["map"], record["sets"]["map"]),
-        LOCAL.format(ood_scenes=local_sets["ood-size"]["scenes"]), _scores(by_track["local"]),
+        LOCAL.format(large_scenes=local_sets["ood-size"]["scenes"]), _scores(by_track["local"]),
         _elsewhere(by_track["local"], local_sets),
         PAPER, _paper([*by_track["map"], *by_track["local"]]),
         CURVE, _curve(record["entrants"]), f"![Test SPL over training scenes]({figures}/scenes.png)",

@@ -61,7 +61,7 @@ def small(monkeypatch):
 
 
 def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, tmp_path):
-    words = ("--num-scenes", 8, "--local-ood-scenes", 5, "--trained-by", "first; second")
+    words = ("--num-scenes", 8, "--local-large-scenes", 5, "--trained-by", "first; second")
     assert call(monkeypatch, "generalisation", runs, "--out", tmp_path / "docs", *words) == 0
     record = json.loads((tmp_path / "docs/generalisation.json").read_text())
     told = {(each["name"], each["training_scenes"]): each for each in record["entrants"]}
@@ -86,8 +86,8 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
     assert found["over_replanning"]["value"] == pytest.approx(
         np.mean([each.spl - rival.spl for each in by_hand]), abs=1e-12
     )
-    assert record["sets"]["local"]["ood-irs"]["scenes"] == 5
-    assert record["sets"]["map"]["ood-irs"]["scenes"] == 8
+    assert [record["sets"]["local"][name]["scenes"] for name in ("ood-irs", "ood-size")] == [8, 5]
+    assert record["sets"]["map"]["ood-size"]["scenes"] == 8
     assert [each["target_db"] for each in explorer["paper"]] == list(PAPER_TARGETS_DB)
     page = (tmp_path / "docs/generalisation.md").read_text()
     assert "    first\n    second\n    python -m eval generalisation" in page

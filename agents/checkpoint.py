@@ -28,6 +28,7 @@ from pydantic import ValidationError
 from agents import provenance
 from agents.algorithms import GENERALISTS, keeps_arrays, load
 from agents.manifest import Config, Entry, GeneralistEntry, Manifest, ModelEntry, Record
+from irs_gym.files import write_file
 from irs_gym.radio_map import RadioMap, as_scene
 from irs_gym.scene import scene_names
 from irs_gym.task import Task, task_of
@@ -225,19 +226,6 @@ class Run:
 
     def _write(self, name: str, record: Record) -> None:
         write_file(self.folder / name, (record.model_dump_json(indent=2) + "\n").encode())
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write a file as a whole: whoever reads it finds the old content or the new."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:

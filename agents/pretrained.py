@@ -19,10 +19,10 @@ from pydantic import Field, ValidationError
 
 from agents import provenance
 from agents.algorithms import GENERALISTS, LOCAL, load, model_class, observation_of
-from agents.checkpoint import write_file
 from agents.manifest import Config, Record
 from agents.problem import Problem, problem_of
 from agents.rollout import Episode, arguments_of, roll_out
+from irs_gym.files import write_file
 from irs_gym.random_task import random_task_of
 from irs_gym.splits import split_of
 from irs_gym.task import Task, task_of

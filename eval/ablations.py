@@ -8,13 +8,13 @@ from typing import Annotated, Any
 from rich.progress import track
 from tyro.conf import Positional, arg
 
-from agents.checkpoint import write_file
 from agents.rollout import evaluation_env
 from eval.board import build, commands_of
 from eval.board_page import count_of, origin, standings_table
 from eval.discounts import DETOUR, Outlook, outlooks
 from eval.markdown import page, table
 from eval.results import find_runs, read_results
+from irs_gym.files import write_file
 
 FIGURES = "figures/ablations"
 GAMMAS = (0.95, 0.97, 0.98, 0.99, 0.995, 0.999, 1.0)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from tyro.conf import Positional, arg
 
-from agents.checkpoint import write_file
 from agents.rollout import roll_out
 from eval.cast import AT_HOME, Cast, Place, cast
+from irs_gym.files import write_file
 
 LAST_MS = 2000  # the last frame stays
 

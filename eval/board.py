@@ -12,7 +12,7 @@ from rich.progress import track
 from tyro.conf import Positional, arg
 
 from agents import provenance
-from agents.checkpoint import Run, write_file
+from agents.checkpoint import Run
 from agents.problem import Problem
 from agents.rollout import Episode, evaluation_env
 from eval import statistics
@@ -22,6 +22,7 @@ from eval.overlay import draw_paths
 from eval.report import html
 from eval.results import Group, LeftOut, Result, find_runs, read_results
 from eval.standings import TITLES, Standing, finite, group_names, learned, overall, references
+from irs_gym.files import write_file
 
 FIGURES = "figures/scoreboard"
 

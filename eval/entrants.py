@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from agents.algorithms import LOCAL
-from agents.checkpoint import Run, RunError, write_file
+from agents.checkpoint import Run, RunError
 from agents.pool_rollout import Episodes
 from eval.results import COMPLETE, LeftOut, find_runs
 from eval.unseen import Player, player_of, reference
+from irs_gym.files import write_file
 from irs_gym.generator import VERSION
 from irs_gym.pool import Pool
 

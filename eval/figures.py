@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from agents.checkpoint import write_file
 from irs_gym import Scene
+from irs_gym.files import write_file
 
 # Told apart by lightness and dashes alone, so that they survive a grey print.
 LINES: dict[str, dict[str, Any]] = {

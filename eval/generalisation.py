@@ -13,7 +13,6 @@ import torch
 from tyro.conf import Positional, arg
 
 from agents.algorithms import observation_of
-from agents.checkpoint import write_file
 from agents.pool_rollout import Episodes
 from agents.rollout import TOLERANCE, roll_out
 from eval.board import commands_of, origins
@@ -25,6 +24,7 @@ from eval.standings import estimate_as_json
 from eval.statistics import estimate, paired_difference
 from eval.throughput import throughput
 from eval.unseen import HARD, detours, paper_pool
+from irs_gym.files import write_file
 from irs_gym.generator import Difficulty, generate_scene
 from irs_gym.pool import Pool, build_pool, pool_of
 

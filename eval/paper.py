@@ -5,7 +5,6 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from agents.checkpoint import write_file
 from eval import beyond_sections as beyond
 from eval import monte_carlo, scaling
 from eval import paper_sections as sections
@@ -22,6 +21,7 @@ from eval.map_figures import draw_gain_maps, draw_optimal_gain, draw_own_scene, 
 from eval.markdown import Promise, page
 from eval.study import Study
 from irs_gym import load_scene
+from irs_gym.files import write_file
 
 PARTS = (map_claims, path_claims, threshold_claims, distance_claims, element_claims, model_claims)
 OWN_SCENE, OWN_TARGET_DB = "workshop", -63.0

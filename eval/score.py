@@ -17,7 +17,7 @@ from tyro.conf import Positional, arg
 
 from agents import provenance
 from agents.algorithms import GENERALISTS, read_network
-from agents.checkpoint import Run, write_file
+from agents.checkpoint import Run
 from agents.heuristics import REFERENCES
 from agents.policy import Policy
 from agents.pool_rollout import play as play_pool
@@ -26,6 +26,7 @@ from agents.rollout import Episode, evaluation_env, roll_out
 from eval.overlay import draw_paths
 from eval.unseen import REFERENCES as UNSEEN_REFERENCES
 from eval.unseen import Player, player_of, pools_of, reference, score_unseen, unseen_table, write_unseen
+from irs_gym.files import write_file
 from irs_gym.pool import Pool
 
 RANDOM = ("masked_random", "random")  # judged by many episodes; from a fixed start the others always do the same

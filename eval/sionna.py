@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.checkpoint import write_file
 from eval.claim import PATHS_AT_DB
 from eval.map_figures import draw_maps
 from eval.markdown import page, picture, table
 from eval.study import WITHOUT, Study
 from eval.traced import INSET_M, MATERIALS, trace
 from irs_gym import RadioMap, load_scene, shortest_path, trade_off
+from irs_gym.files import write_file
 
 CELL_SIZE = 0.5
 

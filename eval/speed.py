@@ -14,12 +14,12 @@ from gymnasium.spaces import flatdim
 from rich.console import Console
 
 from agents import provenance
-from agents.checkpoint import write_file
 from eval import costs
 from eval.contenders import ID, SINGLE, Contenders, prepare, vector
 from eval.costs import Cost
 from eval.race import Rates, race
 from eval.speed_page import markdown, tables
+from irs_gym.files import write_file
 
 OURS = "IrsNav-v0"
 PEERS = ("minigrid", "mobile-env", "envpool", "navix", "jumanji", "jax")

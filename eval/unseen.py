@@ -14,11 +14,12 @@ from rich.table import Table
 
 from agents import provenance
 from agents.algorithms import observation_of
-from agents.checkpoint import Run, RunError, write_file
+from agents.checkpoint import Run, RunError
 from agents.heuristics import RULES
 from agents.pool_rollout import Episodes, follow, most_steps, play
 from agents.replanning import Replanner
 from agents.rollout import TOLERANCE
+from irs_gym.files import write_file
 from irs_gym.grid import octile_distance
 from irs_gym.pool import Pool, build_pool, pool_of
 from irs_gym.random_task import RandomTask, build_worlds

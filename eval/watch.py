@@ -15,10 +15,10 @@ from rich.live import Live
 from rich.text import Text
 from tyro.conf import Positional, arg
 
-from agents.checkpoint import write_file
 from agents.rollout import Episode, roll_out
 from eval.animate import as_gif, check_fps, film
 from eval.cast import AT_HOME, Cast, Place, cast
+from irs_gym.files import write_file
 
 LAST_LINES = 2  # of a frame in text: its legend
 

@@ -2,8 +2,10 @@
 
 import os
 import sys
-import tempfile
+from contextlib import suppress
 from pathlib import Path
+
+from irs_gym.files import write_file
 
 
 def cache_folder() -> Path | None:
@@ -35,16 +37,6 @@ def keep(folder: Path | None, name: str, content: bytes) -> None:
     """Write a file, whole or not at all, whoever else writes it; a folder that cannot be written is no error."""
     if folder is None:
         return
-    try:
+    with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{name}.", dir=folder)
-    except OSError:
-        return
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.replace(temporary, folder / name)
-    except OSError:
-        pass
-    finally:
-        Path(temporary).unlink(missing_ok=True)
+        write_file(folder / name, content)

@@ -1,16 +1,17 @@
 """`RadioMap`: the expected channel gain of every floor cell, built from a scene, from an array or from a file."""
 
-import os
 import zipfile
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irs_gym.files import write_file
 from irs_gym.geometry import is_in_footprint
 from irs_gym.grid import Grid
 from irs_gym.irs import ArrayModel, Hardware, Quantiser, channel
@@ -85,20 +86,15 @@ class RadioMap:
 
     def save(self, path: str | Path) -> None:
         """Write the map as an ``.npz`` file, atomically."""
-        target = Path(path)
-        temporary = target.with_name(f".{target.name}.{os.getpid()}")
-        try:
-            with temporary.open("wb") as file:
-                np.savez_compressed(
-                    file,
-                    format_version=np.int64(1),
-                    gain_db=self.gain_db,
-                    cell_size=np.float64(self.grid.cell_size),
-                    origin=np.array(self.grid.origin),
-                )
-            os.replace(temporary, target)
-        finally:
-            temporary.unlink(missing_ok=True)
+        content = BytesIO()
+        np.savez_compressed(
+            content,
+            format_version=np.int64(1),
+            gain_db=self.gain_db,
+            cell_size=np.float64(self.grid.cell_size),
+            origin=np.array(self.grid.origin),
+        )
+        write_file(Path(path), content.getvalue())
 
     @classmethod
     def load(cls, path: str | Path) -> "RadioMap":

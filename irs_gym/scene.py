@@ -1,6 +1,5 @@
 """`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated, loaded and saved."""
 
-import os
 from importlib import resources
 from numbers import Integral
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from irs_gym.files import write_file
 from irs_gym.geometry import TOUCH, Boxes, is_in_footprint
 from irs_gym.grid import Grid
 
@@ -232,13 +232,7 @@ class Scene(_Part):
 
     def save(self, path: str | Path) -> None:
         """Write the scene as JSON, atomically."""
-        target = Path(path)
-        temporary = target.with_name(f".{target.name}.{os.getpid()}")
-        try:
-            temporary.write_text(self.model_dump_json(indent=2) + "\n", encoding="utf-8")
-            os.replace(temporary, target)
-        finally:
-            temporary.unlink(missing_ok=True)
+        write_file(Path(path), (self.model_dump_json(indent=2) + "\n").encode())
 
 
 def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from agents import checkpoint
-from agents.checkpoint import Run, RunError, write_file
+from agents.checkpoint import Run, RunError
 from agents.manifest import Config
 from agents.ppo import PpoConfig
 from agents.rollout import arguments_of
 from agents.vec_env import IrsNavVecEnv
 from irs_gym import RadioMap, load_scene
+from irs_gym.files import write_file
 from irs_gym.task import Task
 
 TASK = Task(observation="flat", patch_radius=1, irs_phases=False)

@@ -16,7 +16,8 @@ from tiny import TINY, call, curve, numbers, open_floor
 
 from agents import checkpoint
 from agents.algorithms import ALGORITHMS
-from agents.checkpoint import Run, write_file
+from agents.checkpoint import Run
+from irs_gym.files import write_file
 from train.evaluation import Evaluation
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -17,9 +17,10 @@ from rich.table import Table
 from tyro.conf import Positional
 
 from agents.algorithms import GENERALISTS
-from agents.checkpoint import Run, write_file
+from agents.checkpoint import Run
 from agents.provenance import ROOT
 from agents.rollout import TOLERANCE
+from irs_gym.files import write_file
 from train import resume
 from train.config import GeneralistConfig, TrainConfig, record_of
 from train.plan import Plan

@@ -38,6 +38,7 @@ TITLES = {
     "local_ppo": "PPO (SB3)",
     "recurrent_ppo": "RecurrentPPO (sb3-contrib)",
     "replanning": "optimistic replanning",
+    "untrained_explorer": "explorer, untrained",
     "greedy": "greedy (octile)",
     "greedy_margin": "greedy on the margin",
 }

@@ -34,7 +34,7 @@ LARGE = "ood-size"
 LARGEST = "160x160"
 LARGEST_SCENES = 20
 GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
-REFERENCES = ("replanning", "greedy", "greedy_margin")
+REFERENCES = ("replanning", "untrained_explorer", "greedy", "greedy_margin")
 
 
 def main(

@@ -110,7 +110,7 @@ def main(
     ----------
     runs
         Run folders; for unseen scenes also pretrained models (planner, explorer ...), their files, and reference
-        policies (oracle, replanning, greedy, greedy_margin).
+        policies (oracle, replanning, untrained_explorer, greedy, greedy_margin).
     model
         Whether the best or the last state of the agent is scored.
     episodes

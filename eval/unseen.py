@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -15,7 +16,9 @@ from rich.table import Table
 from agents import provenance
 from agents.algorithms import observation_of
 from agents.checkpoint import Run, RunError
+from agents.explorer_policy import Explorer
 from agents.heuristics import RULES
+from agents.local_settings import ExplorerConfig
 from agents.pool_rollout import Episodes, follow, most_steps, play
 from agents.replanning import Replanner
 from agents.rollout import TOLERANCE
@@ -28,7 +31,7 @@ from irs_gym.task import Task
 
 HARD = 1.2  # a detour (oracle's distance over octile distance) above which a scene is hard
 PAPER_TARGETS_DB = (-63.0, -62.0, -61.8, -61.0, -60.0)
-REFERENCES = ("oracle", "replanning", "greedy", "greedy_margin")  # which do the same in every episode
+REFERENCES = ("oracle", "replanning", "untrained_explorer", "greedy", "greedy_margin")  # the same in every episode
 
 
 @dataclass(frozen=True)
@@ -85,12 +88,20 @@ def player_of(run: Run, model: str = "best") -> Player:
 
 def reference(name: str) -> Player:
     """One of `REFERENCES`."""
-    return Player(name, replan if name == "replanning" else partial(apply, name))
+    planners = {"replanning": replan, "untrained_explorer": explore_untrained}
+    return Player(name, planners.get(name) or partial(apply, name))
 
 
 def replan(pool: Pool) -> Episodes:
     """Episodes of optimistic replanning, which sees what a local agent sees."""
     return play(Replanner(pool.shape, Task.patch_radius), pool)
+
+
+def explore_untrained(pool: Pool) -> Episodes:
+    """Episodes of an explorer that has learned nothing: to it, all that is unknown costs about an eighth more."""
+    config = ExplorerConfig()
+    torch.manual_seed(0)
+    return play(Explorer(config.shape, config.build_network()), pool)
 
 
 def apply(name: str, pool: Pool) -> Episodes:

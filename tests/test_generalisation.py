@@ -71,6 +71,7 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
         ("planning network, imitation, encoding margin", 3000),
         ("explorer: imitation with memory", 3000),
         ("optimistic replanning", None),
+        ("explorer, untrained", None),
         ("greedy (octile)", None),
         ("greedy on the margin", None),
     }

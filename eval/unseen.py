@@ -26,7 +26,7 @@ from irs_gym.files import write_file
 from irs_gym.grid import octile_distance
 from irs_gym.pool import Pool, build_pool, pool_of
 from irs_gym.random_task import RandomTask, build_worlds
-from irs_gym.scene import Scene, load_scene
+from irs_gym.scene import load_scene, load_scenes
 from irs_gym.task import Task
 
 HARD = 1.2  # a detour (oracle's distance over octile distance) above which a scene is hard
@@ -139,23 +139,6 @@ def paper_pool() -> Pool:
     return pool_of(scenes, [f"paper at {target:g} dB" for target in PAPER_TARGETS_DB])
 
 
-def read_scenes(folder: Path) -> Pool:
-    """The scene files of a folder, each a scene named by its file.
-
-    Raises
-    ------
-    FileNotFoundError
-        Where there is no such folder, or no scene file in it.
-    ValueError
-        Where a file is not a valid scene, or its target is infeasible.
-    """
-    files = sorted(folder.glob("*.json"))
-    if not files:
-        raise FileNotFoundError(f"scenes={str(folder)!r} is not a folder with scene files (*.json)")
-    scenes: list[Scene] = [load_scene(file) for file in files]
-    return pool_of(scenes, [file.stem for file in files])
-
-
 def score_unseen(player: Player, pools: Mapping[str, Pool]) -> Found:
     """What a policy does on each pool; raises ``ValueError`` where it cannot play on one."""
     played = {name: (player.episodes(pool), pool) for name, pool in pools.items()}
@@ -181,9 +164,17 @@ def write_unseen(run: Run, model: str, found: Found) -> Path:
 
 
 def pools_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -> dict[str, Pool]:
-    """What is scored on: the first scenes of each split and the paper's, or else the scene files of a folder."""
+    """What is scored on: the first scenes of each split and the paper's, or else the scene files of a folder.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such folder.
+    ValueError
+        Where it holds no valid scene, or one whose target is infeasible.
+    """
     if scenes is not None:
-        return {str(scenes): read_scenes(scenes)}
+        return {str(scenes): pool_of(load_scenes(scenes))}
     return {**{split: build_pool(split, num_scenes) for split in splits}, "paper": paper_pool()}
 
 

@@ -13,7 +13,7 @@ from irs_gym.dynamics import check_bonus, potential
 from irs_gym.grid import Grid
 from irs_gym.pool import Pool, build_pool, pool_of
 from irs_gym.radio_map import RadioMap
-from irs_gym.scene import Scene, load_scene
+from irs_gym.scene import Scene, load_scenes
 from irs_gym.task import Constraint, Observation, Task, World, checked_fields
 
 
@@ -128,17 +128,8 @@ def build_worlds(task: RandomTask) -> Worlds:
         message names it.
     """
     if isinstance(task.scenes, str | Path):
-        task = replace(task, scenes=_load_folder(Path(task.scenes)))
+        task = replace(task, scenes=load_scenes(task.scenes))
     return _build_worlds(task)
-
-
-def _load_folder(folder: Path) -> tuple[Scene, ...]:
-    if not folder.is_dir():
-        raise FileNotFoundError(f"scenes={str(folder)!r} is no folder of scene files")
-    files = sorted(folder.glob("*.json"))
-    if not files:
-        raise ValueError(f"scenes={str(folder)!r} holds no scene file (*.json)")
-    return tuple(load_scene(file).model_copy(update={"name": file.stem}) for file in files)
 
 
 @lru_cache(maxsize=4)

@@ -275,6 +275,25 @@ def load_scene(source: str | Path) -> Scene:
         raise ValueError(f"scene {str(source)!r}: {_in_one_line(error)}") from None
 
 
+def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
+    """The scene files of a folder in the order of their names, each a scene named by its file.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such folder.
+    ValueError
+        Where there is no scene file in it, or one is not a valid scene; the message names the file.
+    """
+    place = Path(folder)
+    if not place.is_dir():
+        raise FileNotFoundError(f"scenes={str(folder)!r} is no folder of scene files")
+    files = sorted(place.glob("*.json"))
+    if not files:
+        raise ValueError(f"scenes={str(folder)!r} holds no scene file (*.json)")
+    return tuple(load_scene(file).model_copy(update={"name": file.stem}) for file in files)
+
+
 def _in_one_line(error: ValidationError) -> str:
     mistakes = []
     for mistake in error.errors(include_url=False):

@@ -14,7 +14,7 @@ from agents.map_policy import MapPolicy
 from agents.map_settings import PlannerConfig
 from agents.pool_rollout import Episodes
 from agents.rollout import evaluation_env, roll_out
-from eval.unseen import detours, paper_pool, read_scenes, score_of
+from eval.unseen import detours, paper_pool, pools_of, score_of
 from irs_gym import load_scene
 from irs_gym.grid import octile_distance
 from irs_gym.task import Task
@@ -71,7 +71,7 @@ def test_scores_on_scene_files_are_those_of_playing_each_in_the_environment(monk
 
 def test_scenes_of_different_sizes_are_read_into_one_frame(scenes):
     load_scene("workshop").save(scenes / "workshop.json")
-    pool = read_scenes(scenes)
+    (pool,) = pools_of((), 1, scenes).values()
     assert pool.names == ("at-61", "at-63", "workshop")
     assert pool.shape == (64, 40)
 
@@ -88,7 +88,8 @@ def test_scenes_that_cannot_be_played_are_refused_by_name(monkeypatch, capsys, r
     folder = scenes / "nowhere" if harm == "missing" else scenes
     assert call(monkeypatch, "score", run.folder, "--scenes", folder) == 2
     said = capsys.readouterr().err
-    assert ("is not a folder with scene files" if harm in ("missing", "empty") else "bad") in said
+    expected = {"missing": "is no folder of scene files", "empty": "holds no scene file"}
+    assert expected.get(harm, "bad") in said
     assert not (run.folder / "unseen.json").exists()
 
 

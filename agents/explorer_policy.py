@@ -6,7 +6,7 @@ from typing import IO, Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
 
 from agents.map_network import pack_network
 from agents.seen import Seen, parts_of
@@ -82,4 +82,16 @@ class Explorer:
         with torch.inference_mode():
             given = (np.ascontiguousarray(margin), goals, np.ascontiguousarray(settings, dtype=np.float32))
             logits = self.network(*map(torch.from_numpy, given)).plan.logits
-        return logits.argmax(dim=1).flatten(1).numpy().astype(np.uint8)
+            return likeliest(logits).flatten(1).numpy()
+
+
+def likeliest(logits: Tensor) -> Tensor:
+    """The move with the greatest logit, of equals the first: uint8 ``(B, X, Y)`` for logits ``(B, 8, X, Y)``.
+
+    As `torch.argmax`, which takes a quarter of the time of a plan, with strides as long as a map.
+    """
+    greatest, move = logits[:, 0].clone(), torch.zeros_like(logits[:, 0], dtype=torch.uint8)
+    for number in range(1, logits.shape[1]):
+        move.masked_fill_(logits[:, number] > greatest, number)
+        torch.maximum(greatest, logits[:, number], out=greatest)
+    return move

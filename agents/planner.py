@@ -99,8 +99,9 @@ class _CostToGo(torch.autograd.Function):
                 torch.minimum(to_go, cost + neighbour, out=to_go)
             if before is not None and torch.equal(before, to_go):
                 break
-        best = torch.stack([cost + each for cost, each in zip(by_move, neighbours, strict=True)]).argmin(dim=0)
-        ctx.save_for_backward(best, is_goal | (to_go >= UNREACHED))
+        if ctx.needs_input_grad[0]:
+            best = torch.stack([cost + each for cost, each in zip(by_move, neighbours, strict=True)]).argmin(dim=0)
+            ctx.save_for_backward(best, is_goal | (to_go >= UNREACHED))
         return to_go.clone()
 
     @staticmethod

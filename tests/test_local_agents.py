@@ -13,7 +13,7 @@ from agents.algorithms import read_network
 from agents.expedition import Expedition, Terms
 from agents.exploration import Exploration
 from agents.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
-from agents.explorer_policy import Explorer
+from agents.explorer_policy import Explorer, likeliest
 from agents.imitation import detours_of_moves
 from agents.local_extractor import FRAME, LocalExtractor
 from agents.local_settings import ExplorerConfig, ExplorerPpoConfig, LocalPpoConfig
@@ -186,6 +186,11 @@ def test_explorer_remembers_by_its_state_alone():
 def test_explorer_plays_the_single_task_too():
     env = evaluation_env(Task(observation="dict", target_db=-63.0))
     assert roll_out(explorer(shape=(40, 40), optimistic=True), env).is_success
+
+
+def test_likeliest_move_is_the_first_of_the_greatest():
+    logits = torch.randint(4, (3, 8, 5, 6), generator=torch.Generator().manual_seed(0)).float()
+    np.testing.assert_array_equal(likeliest(logits).numpy(), logits.numpy().argmax(axis=1))
 
 
 def test_explorer_survives_its_file():

@@ -184,11 +184,15 @@ class Run:
         """Go back to where a checkpoint was written, with the models that there were then."""
         for entry, content in models.values():
             write_file(self.folder / entry.file, content)
-        for path in self.folder.glob(".*.[0-9]*"):  # half written when the process was killed
-            path.unlink()
+        self.remove_drafts()
         older = [each for each in self.manifest.checkpoints if each.steps <= checkpoint.steps]
         entries = {name: entry for name, (entry, _) in models.items()}
         self.update(status="running", error=None, models=entries, checkpoints=tuple(older))
+
+    def remove_drafts(self) -> None:
+        """Remove files that were half written when a process was killed."""
+        for path in self.folder.glob(".*.[0-9]*"):
+            path.unlink()
 
     def read(self, entry: Entry) -> bytes:
         """Content of a file that the manifest lists; raises `RunError` where it is missing or another."""

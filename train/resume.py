@@ -78,6 +78,7 @@ def restore(run: Run, evaluation: Evaluation) -> Any:
     entries = run.manifest.checkpoints
     if not entries:
         print(f"{run.folder}: no checkpoint was written yet: the training begins anew", file=sys.stderr)
+        run.remove_drafts()
         run.update(status="running", error=None, models={})
         return None
     entry, content = _newest(run, entries)

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from agents.descent import descend, linear
 from agents.map_network import maps_of
 from agents.map_settings import ScenePpoConfig
-from agents.proximal import GOAL_BONUS, WayCritic, advantages, normalised, proximal_loss
+from agents.proximal import GOAL_BONUS, WayCritic, advantages, draw, normalised, proximal_loss
 from irs_gym.grid import MOVE_LENGTHS, MOVES, octile_distance
 from irs_gym.pool import Pool
 
@@ -90,10 +90,10 @@ class ScenePpo:
         cells, actions = np.empty((2, *starts[1:].shape), dtype=np.int64)
         rewards, keep = np.empty((2, *cells.shape), dtype=np.float32)
         ahead = np.empty_like(cells)
-        cumulated, here = probabilities.cumsum(axis=1), starts[0]
-        for t, draw in enumerate(self._rng.random(cells.shape, dtype=np.float32)):
+        here = starts[0]
+        for t, uniform in enumerate(self._rng.random(cells.shape, dtype=np.float32)):
             cells[t] = here
-            action = (cumulated[here] < draw[:, None] * cumulated[here, -1:]).sum(axis=1)
+            action = draw(probabilities[here], uniform)
             actions[t], rewards[t] = action, rules.reward[here, action]
             ahead[t], is_over = rules.ahead[here, action], rules.is_over[here, action]
             keep[t], here = ~is_over, np.where(is_over, starts[t + 1], ahead[t])

@@ -87,7 +87,7 @@ class Atlas:
         return Outcome(
             states + self._steps.take(codes),
             self.reward.take(entries),
-            self._travel.take(codes),
+            self._moved.take(codes),
             is_terminated,
             cost,
             is_at_goal,
@@ -124,7 +124,7 @@ class Atlas:
         cells = self._cells(states)
         to_go = pool.distance_to_go[scenes, cells[:, 0], cells[:, 1]]
         for n in np.flatnonzero((goals != pool.goal[scenes]).any(axis=1)).tolist():
-            world, goal = self.errand(states, n)
+            world, goal = self.scene_and_goal(states, n)
             to_go[n] = tabulate(world, goal).distance_to_go[cells[n, 0], cells[n, 1]]
         return np.asarray(to_go)
 
@@ -143,7 +143,7 @@ class Atlas:
         """Names of the scenes."""
         return self._names.take(self.scenes(states))
 
-    def errand(self, states: States, n: int) -> tuple[Any, Cell]:
+    def scene_and_goal(self, states: States, n: int) -> tuple[Any, Cell]:
         """World and goal of robot n."""
         i, j = self.goals(states[[n]])[0].tolist()
         return self.worlds.world(int(self.scenes(states[[n]])[0])), (i, j)
@@ -177,10 +177,10 @@ class Atlas:
         return np.stack([np.zeros_like(steps), steps], axis=-1).ravel()
 
     @cached_property
-    def _travel(self) -> NDArray[np.complex128]:
-        """Metres moved, plus 1j where refused, by code."""
+    def _moved(self) -> NDArray[np.float64]:
+        """Metres really travelled, by code."""
         lengths = MOVE_LENGTHS * self.worlds.pool.cell_size
-        return np.stack([np.full(ACTIONS, 1j), lengths.astype(complex)], axis=-1).ravel()
+        return np.stack([np.zeros(ACTIONS), lengths], axis=-1).ravel()
 
     @cached_property
     def _own(self) -> Rows:

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, check_task
 from irs_gym.episode import Episode, begin
+from irs_gym.grid import Cell
 from irs_gym.interface import METADATA, checked_options, checked_render_mode
 from irs_gym.oracle import Path
 from irs_gym.task import Task, World, build_world, task_of
-from irs_gym.trail import Trail
 
 
 class IrsNavEnv(gymnasium.Env[Any, int]):
@@ -95,11 +95,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         return self._episode.oracle
 
     @property
-    def path(self) -> Trail:
-        """Cells of this episode so far, refused moves left out.
-
-        ``info["path"]`` holds it at termination; the step limit is not this environment's, so read it here then.
-        """
+    def path(self) -> list[Cell]:
+        """Cells (i, j) of this episode so far, refused moves left out."""
         return self._episode.path
 
     def action_masks(self) -> NDArray[np.bool_]:

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from irs_gym.dynamics import ACTIONS, choose_start, tables_for
 from irs_gym.grid import Cell
 from irs_gym.interface import RENDERERS, checked_action, view_of
+from irs_gym.metrics import spl
 from irs_gym.observation import build_observer
 from irs_gym.oracle import Path, descend
 from irs_gym.task import World
-from irs_gym.trail import Trail
+from irs_gym.trail import cells_of
 
 
 class Episode:
@@ -25,8 +26,11 @@ class Episode:
         self.observer = build_observer(world, goal)
         self.is_running = True
         self._cell = int(np.ravel_multi_index(start, world.radio_map.grid.shape))
-        self._trail = [self._cell]  # flat indices
-        self._distance, self._refused, self._has_violated = 0.0, 0, False
+        self._cells = [self._cell]  # flat indices
+        self._oracle_distance = float(self.tables.distance_to_go[start])
+        self._distance = 0.0
+        self._refused = 0
+        self._has_violated = False
 
     @property
     def oracle(self) -> Path:
@@ -34,9 +38,9 @@ class Episode:
         return descend(self.tables.distance_to_go, self.start, self.world.radio_map.grid.cell_size)
 
     @property
-    def path(self) -> Trail:
-        """Cells so far, refused moves left out."""
-        return Trail(np.array(self._trail), self.world.feasible.shape)
+    def path(self) -> list[Cell]:
+        """Cells (i, j) so far, refused moves left out."""
+        return cells_of(np.array(self._cells), self.world.feasible.shape)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``."""
@@ -44,8 +48,7 @@ class Episode:
 
     def opening(self) -> tuple[Any, dict[str, Any]]:
         """What a reset returns: the first observation and its info."""
-        shortest = float(self.tables.distance_to_go[self.start])
-        return self.observer.observe(self._cell), {**self._info(), "oracle_distance": shortest}
+        return self.observer.observe(self._cell), self._info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move once; returns what an environment's step does."""
@@ -54,15 +57,13 @@ class Episode:
         entry = self._cell * ACTIONS + checked_action(action)
         outcome: Any = self.tables.transition.item(entry)
         next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = outcome
-        self._trail.append(next_cell)
+        self._cells.append(next_cell)
         self._cell = next_cell
         self._distance += moved
         self._refused += is_refused
         self._has_violated = self._has_violated or cost > 0
         self.is_running = not is_terminated
         info = self._info(is_refused, cost, is_at_goal and not self._has_violated)
-        if is_terminated:
-            info["path"] = self.path
         return self.observer.observe(next_cell), reward, is_terminated, False, info
 
     def render(self, mode: str | None) -> Any:
@@ -81,13 +82,9 @@ class Episode:
             "is_refused": is_refused,
             "cost": cost,
             "is_success": is_success,
-            "spl": self._spl() if is_success else 0.0,
+            "spl": float(spl(True, self._oracle_distance, self._distance)) if is_success else 0.0,
+            "oracle_distance": self._oracle_distance,
         }
-
-    def _spl(self) -> float:
-        """Success weighted by path length (Anderson et al., 2018) of a success; start and goal always differ."""
-        shortest = float(self.tables.distance_to_go[self.start])
-        return shortest / max(shortest, self._distance)
 
 
 def begin(world: World, ends: dict[str, Cell], rng: np.random.Generator) -> Episode:

@@ -14,10 +14,9 @@ from irs_gym.grid import MOVE_NAMES, Cell
 from irs_gym.oracle import descend
 from irs_gym.rendering import View, draw, text
 from irs_gym.task import World, as_cell
-from irs_gym.trail import Trail
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}
-RENDERERS: dict[str, Callable[[View, Trail], Any]] = {"rgb_array": draw, "ansi": text}
+RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {"rgb_array": draw, "ansi": text}
 _ACTIONS = "an integer from 0 to 7: " + ", ".join(f"{n} {name}" for n, name in enumerate(MOVE_NAMES))
 
 
@@ -49,10 +48,12 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
             f"actions has the shape {checked.shape} and the type {checked.dtype}, "
             f"but one integer for each of the {count} environments is needed"
         )
-    if int(np.bitwise_or.reduce(checked)) & -ACTIONS:  # any bit above the lowest three, or a sign
-        first = int(np.flatnonzero((checked < 0) | (checked >= ACTIONS))[0])
+    numbers = checked.astype(np.int64, copy=False)
+    is_wrong = numbers.view(np.uint64) >= ACTIONS  # where a negative number is a huge one
+    if np.count_nonzero(is_wrong):
+        first = int(np.flatnonzero(is_wrong)[0])
         raise ValueError(f"actions[{first}]={checked[first]} must be {_ACTIONS}")
-    return checked.astype(np.int64, copy=False)
+    return numbers
 
 
 def checked_options(options: dict[str, Any] | None, more: str | None = None) -> dict[str, Any]:

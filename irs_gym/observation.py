@@ -62,11 +62,10 @@ class Packing:
         leading = rows.shape[:-1]
         if self.observation == "map":
             return rows.reshape(*leading, 4, *self.shape)
-        patch_end, irs_end = self.patch_end, self.irs_end
         return {
-            "gain_patch": rows[..., :patch_end].reshape(*leading, self.side, self.side),
-            "irs": rows[..., patch_end:irs_end],
-            "position": rows[..., irs_end:],
+            "gain_patch": rows[..., : self.patch_end].reshape(*leading, self.side, self.side),
+            "irs": rows[..., self.patch_end : self.irs_end],
+            "position": rows[..., self.irs_end :],
         }
 
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS
 from irs_gym.episode import Episode, begin
+from irs_gym.grid import Cell
 from irs_gym.interface import METADATA, checked_options, checked_render_mode
 from irs_gym.oracle import Path
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
 from irs_gym.task import World
-from irs_gym.trail import Trail
 
 
 class IrsNavRandomEnv(gymnasium.Env[Any, int]):
@@ -96,8 +96,8 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         return self._episode.oracle
 
     @property
-    def path(self) -> Trail:
-        """Cells of this episode so far, refused moves left out; see `IrsNavEnv.path`."""
+    def path(self) -> list[Cell]:
+        """Cells (i, j) of this episode so far, refused moves left out; see `IrsNavEnv.path`."""
         return self._episode.path
 
     def action_masks(self) -> NDArray[np.bool_]:

@@ -151,8 +151,6 @@ class Fleet:
         return rng
 
     def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.int64]) -> None:
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed holds {len(seeds)} numbers for {self.num_envs} environments")
         if self._dispatcher.is_random:  # the only use of randomness
             for i in chosen:
                 if seeds[i] is not None:
@@ -175,7 +173,12 @@ class Fleet:
         return infos
 
     def _picture(self, i: int, mode: str) -> Any:
-        trail, (world, goal) = self._trail(i), self.errand(i)
+        world, goal = self.errand(i)
+        if not self._is_reset:  # as a single environment does: where the world's own episode would begin
+            start = np.ravel_multi_index(world.start, world.feasible.shape)
+            trail = Trail(np.array([start]), world.feasible.shape)
+            return RENDERERS[mode](view_of(world, world.start, world.goal), trail)
+        trail = self._trail(i)
         return RENDERERS[mode](view_of(world, trail[0], goal), trail)
 
     def _trail(self, i: int) -> Trail:

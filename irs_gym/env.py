@@ -1,17 +1,20 @@
 """`IrsNavEnv`: the single environment over one scene, a thin shell over its episodes."""
 
+from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.wrappers import HumanRendering, RenderCollection
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, check_task
 from irs_gym.episode import Episode, begin
 from irs_gym.grid import Cell
-from irs_gym.interface import METADATA, checked_options, checked_render_mode
+from irs_gym.interface import METADATA, PlainSpec, checked_options, checked_render_mode, checked_seed
 from irs_gym.oracle import Path
+from irs_gym.rendering.modes import with_render_mode
 from irs_gym.task import Task, World, build_world, task_of
 
 
@@ -69,10 +72,11 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     """
 
     metadata: dict[str, Any] = METADATA
+    spec = PlainSpec()
 
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        self.world: World = build_world(task_of(arguments))
+        self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
         self._episode = Episode(self.world, self.world.start, self.world.goal)
         self._episode.is_running = False
@@ -108,7 +112,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; ``options`` may hold ``start`` and ``goal``, cells (i, j)."""
-        super().reset(seed=seed)
+        super().reset(seed=checked_seed(seed))
         self._episode = begin(self.world, checked_options(options), self.np_random)
         return self._episode.opening()
 
@@ -119,3 +123,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     def render(self) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""
         return self._episode.render(self.render_mode)
+
+
+def make_env(render_mode: str | None = None, **arguments: Any) -> gymnasium.Env[Any, int]:
+    """What `gymnasium.make` calls: an `IrsNavEnv` in any render mode of Gymnasium."""
+    return with_render_mode(partial(IrsNavEnv, **arguments), render_mode, HumanRendering, RenderCollection)

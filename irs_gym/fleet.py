@@ -199,8 +199,6 @@ class VectorEpisodes:
         return rng
 
     def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.int64]) -> None:
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed holds {len(seeds)} numbers for {self.num_envs} environments")
         if self._sampler.is_random:  # the only use of randomness
             for i in chosen:
                 if seeds[i] is not None:
@@ -231,8 +229,10 @@ class VectorEpisodes:
         )
 
     def _picture(self, i: int, mode: str) -> Any:
-        path = self._history.path(i)
         world, goal = self.scene_and_goal(i)
+        if not self._is_reset:  # as a single environment does: where the world's own episode would begin
+            return RENDERERS[mode](view_of(world, world.start, world.goal), [world.start])
+        path = self._history.path(i)
         return RENDERERS[mode](view_of(world, path[0], goal), path)
 
     # --- what is accepted -------------------------------------------------------------------------------------------

@@ -47,9 +47,9 @@ class Packing:
         """Columns of a row, D."""
         return 4 * prod(self.shape) if self.observation == "map" else self.irs_end + 4
 
-    @cached_property
+    @property
     def space(self) -> spaces.Space[Any]:
-        """Of one observation."""
+        """Of one observation; a new one each time, as a space holds the randomness of its samples."""
         shapes = {"gain_patch": (self.side, self.side), "irs": (self.settings,), "position": (4,)}
         if self.observation == "dict":
             return spaces.Dict({name: _box(shape) for name, shape in shapes.items()})

@@ -1,18 +1,21 @@
 """`IrsNavRandomEnv`: the single environment over many scenes, a thin shell over its episodes."""
 
+from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.wrappers import HumanRendering, RenderCollection
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS
 from irs_gym.episode import Episode, begin
 from irs_gym.grid import Cell
-from irs_gym.interface import METADATA, checked_options, checked_render_mode
+from irs_gym.interface import METADATA, PlainSpec, checked_options, checked_render_mode, checked_seed
 from irs_gym.oracle import Path
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.rendering.modes import with_render_mode
 from irs_gym.task import World
 
 
@@ -65,10 +68,11 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     """
 
     metadata: dict[str, Any] = METADATA
+    spec = PlainSpec()
 
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        self.worlds: Worlds = build_worlds(random_task_of(arguments))
+        self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         first = self.worlds.world(0)
         self._episode = Episode(first, first.start, first.goal)
         self._episode.is_running = False
@@ -106,7 +110,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode in another scene; ``options`` may hold ``scene_id``, ``start`` and ``goal``."""
-        super().reset(seed=seed)
+        super().reset(seed=checked_seed(seed))
         given = checked_options(options, "scene_id")
         number = self.worlds.choose(given.pop("scene_id", None), self.np_random)
         self._episode = begin(self.worlds.world(number), given, self.np_random)
@@ -123,3 +127,8 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     def render(self) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""
         return self._episode.render(self.render_mode)
+
+
+def make_env(render_mode: str | None = None, **arguments: Any) -> gymnasium.Env[Any, int]:
+    """What `gymnasium.make` calls: an `IrsNavRandomEnv` in any render mode of Gymnasium."""
+    return with_render_mode(partial(IrsNavRandomEnv, **arguments), render_mode, HumanRendering, RenderCollection)

@@ -1,6 +1,7 @@
 """`IrsNavRandomVectorEnv`: n environments over many scenes in one, a thin shell over their episodes."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,19 @@ from irs_gym.fleet import VectorEpisodes
 from irs_gym.grid import Cell
 from irs_gym.ground import RngOf, States
 from irs_gym.infos import VALUES, Infos, Step, Values
-from irs_gym.interface import METADATA, checked_count, checked_mode, checked_options, checked_render_mode, each_seed
+from irs_gym.interface import (
+    METADATA,
+    PlainSpec,
+    checked_count,
+    checked_mode,
+    checked_options,
+    checked_render_mode,
+    each_seed,
+)
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.rendering.frame_collection import FrameCollection
+from irs_gym.rendering.modes import with_render_mode
+from irs_gym.rendering.window import Window
 from irs_gym.task import World
 
 
@@ -36,6 +48,8 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
     number for all, or a list of one for each environment; everything else is as in `IrsNavVectorEnv`.
     """
 
+    spec = PlainSpec()
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -51,7 +65,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self.autoreset_mode = checked_mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
-        self.worlds: Worlds = build_worlds(random_task_of(arguments))
+        self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         sampler = _EpisodeSampler(self.worlds)
         self._episodes = VectorEpisodes(
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
@@ -75,9 +89,10 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in every environment, or in those of ``options["reset_mask"]``."""
+        seeds = each_seed(seed, self.num_envs)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
-        return self._episodes.reset(each_seed(seed, self.num_envs), options)
+        return self._episodes.reset(seeds, options)
 
     def step(
         self, actions: NDArray[np.integer[Any]]
@@ -96,6 +111,11 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
     def render(self) -> tuple[Any, ...] | None:
         """A picture or text for each environment; None without a render mode."""
         return self._episodes.render(self.render_mode)
+
+
+def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
+    """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any render mode of Gymnasium."""
+    return with_render_mode(partial(IrsNavRandomVectorEnv, **arguments), render_mode, Window, FrameCollection)
 
 
 def _scene_id(step: Step) -> NDArray[np.object_]:

@@ -1,6 +1,7 @@
 """`IrsNavVectorEnv`: n environments over one scene in one, a thin shell over their episodes."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,19 @@ from irs_gym.fleet import VectorEpisodes
 from irs_gym.grid import Cell
 from irs_gym.ground import RngOf, States
 from irs_gym.infos import VALUES, Infos
-from irs_gym.interface import METADATA, checked_count, checked_mode, checked_options, checked_render_mode, each_seed
+from irs_gym.interface import (
+    METADATA,
+    PlainSpec,
+    checked_count,
+    checked_mode,
+    checked_options,
+    checked_render_mode,
+    each_seed,
+)
 from irs_gym.observation import build_observer
+from irs_gym.rendering.frame_collection import FrameCollection
+from irs_gym.rendering.modes import with_render_mode
+from irs_gym.rendering.window import Window
 from irs_gym.stack import build_stack
 from irs_gym.task import Task, World, build_world, task_of
 
@@ -49,6 +61,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     one for each, and the options ``start``, ``goal`` and ``reset_mask`` (bool, ``(n,)``).
     """
 
+    spec = PlainSpec()
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -64,7 +78,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.autoreset_mode = checked_mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
-        self.world: World = build_world(task_of(arguments))
+        self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
         sampler = _EpisodeSampler(self.world, self.num_envs)
         self._episodes = VectorEpisodes(
@@ -90,9 +104,10 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in every environment, or in those of ``options["reset_mask"]``."""
+        seeds = each_seed(seed, self.num_envs)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
-        return self._episodes.reset(each_seed(seed, self.num_envs), options)
+        return self._episodes.reset(seeds, options)
 
     def step(
         self, actions: NDArray[np.integer[Any]]
@@ -114,6 +129,11 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     def render(self) -> tuple[Any, ...] | None:
         """A picture or text for each environment; None without a render mode."""
         return self._episodes.render(self.render_mode)
+
+
+def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
+    """What `gymnasium.make_vec` calls: an `IrsNavVectorEnv` in any render mode of Gymnasium."""
+    return with_render_mode(partial(IrsNavVectorEnv, **arguments), render_mode, Window, FrameCollection)
 
 
 class _EpisodeSampler:

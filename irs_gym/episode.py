@@ -1,5 +1,6 @@
 """`Episode`: one robot on its way over one world, step by step."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, choose_start, tables_for
 from irs_gym.grid import Cell
+from irs_gym.infos import KEYS
 from irs_gym.interface import RENDERERS, checked_action, view_of
 from irs_gym.metrics import spl
 from irs_gym.observation import build_observer
@@ -19,12 +21,16 @@ from irs_gym.trail import cells_of
 class Episode:
     """What has become of a robot since its reset, over the tables of its world."""
 
-    def __init__(self, world: World, start: Cell, goal: Cell) -> None:
-        """Begin at the start; a ``ValueError`` says why there can be no such episode (see `tables_for`)."""
+    def __init__(self, world: World, start: Cell, goal: Cell, keys: Sequence[str] = KEYS) -> None:
+        """Begin at the start; a ``ValueError`` says why there can be no such episode (see `tables_for`).
+
+        ``keys``: those of the infos.
+        """
         self.world, self.start, self.goal = world, start, goal
         self.tables = tables_for(world, start, goal)
         self.observer = build_observer(world, goal)
         self.is_running = True
+        self._keys = keys
         self._cell = int(np.ravel_multi_index(start, world.radio_map.grid.shape))
         self._cells = [self._cell]  # flat indices
         self._oracle_distance = float(self.tables.distance_to_go[start])
@@ -41,6 +47,11 @@ class Episode:
     def path(self) -> list[Cell]:
         """Cells (i, j) so far, refused moves left out."""
         return cells_of(np.array(self._cells), self.world.feasible.shape)
+
+    @property
+    def distance_to_go(self) -> float:
+        """Metres of the shortest feasible path from here to the goal; inf where there is none."""
+        return float(self.tables.distance_to_go.flat[self._cell])
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``."""
@@ -72,7 +83,7 @@ class Episode:
 
     def _info(self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False) -> dict[str, Any]:
         distance_to_go, gain_db, margin_db = self.tables.cell.item(self._cell)
-        return {
+        info = {
             "distance": self._distance,
             "refused": self._refused,
             "distance_to_go": distance_to_go,
@@ -85,9 +96,10 @@ class Episode:
             "spl": float(spl(True, self._oracle_distance, self._distance)) if is_success else 0.0,
             "oracle_distance": self._oracle_distance,
         }
+        return {key: info[key] for key in self._keys}
 
 
-def begin(world: World, ends: dict[str, Cell], rng: np.random.Generator) -> Episode:
+def begin(world: World, ends: dict[str, Cell], rng: np.random.Generator, keys: Sequence[str]) -> Episode:
     """Episode between the ends given as ``start`` and ``goal``; the world's own goal, and a start as its task says."""
     goal = ends.get("goal", world.goal)
-    return Episode(world, ends.get("start") or choose_start(world, goal, rng), goal)
+    return Episode(world, ends.get("start") or choose_start(world, goal, rng), goal, keys)

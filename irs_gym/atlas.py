@@ -96,13 +96,18 @@ class Atlas:
     def observe(self, states: States, out: Rows) -> Rows:  # noqa: D102
         if self.packing.observation == "map":
             return self._observe_maps(states, out)
+        if self.packing.observation == "cell":
+            out[:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
+            return out
         places, patch_end, irs_end = states & _PLACE, self.packing.patch_end, self.packing.irs_end
         scenes = places // self._size
         windows = self.windows[places[:, None] + self._rows]
         out[:, :patch_end] = windows.view(np.float32)
         out[:, patch_end:irs_end] = self.worlds.pool.irs.take(scenes, axis=0)
         out[:, irs_end : irs_end + 2] = self._own.take(places - scenes * self._size, axis=0)
-        out[:, irs_end + 2 :] = self._to_goal.take(states >> _OFFSET, axis=0)
+        out[:, irs_end + 2 : irs_end + 4] = self._to_goal.take(states >> _OFFSET, axis=0)
+        if self.packing.observation == "masked":
+            out[:, irs_end + 4 :] = self.action_mask(states)
         return out
 
     def _observe_maps(self, states: States, out: Rows) -> Rows:

@@ -32,7 +32,7 @@ class RandomTask:
     """A folder of scene files, scenes (or their data as dicts) or a pool, in place of a split; a file's name is its
     scene's id."""
     observation: Observation = Task.observation
-    """"dict", the same packed as "flat", or the whole "map" as image channels."""
+    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map", or the "cell"."""
     patch_radius: int = Task.patch_radius
     """Cells that the robot sees around itself in each direction."""
     constraint: Constraint = Task.constraint

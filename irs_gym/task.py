@@ -17,7 +17,7 @@ from irs_gym.radio_map import RadioMap, as_scene, build_phase_shifts, build_radi
 from irs_gym.scene import TARGET_DB, Scene
 
 Constraint = Literal["refuse", "terminate", "allow"]
-Observation = Literal["dict", "flat", "map"]
+Observation = Literal["dict", "flat", "map", "masked", "cell"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class Task:
     patch_radius: int = 5
     """Cells that the robot sees around itself in each direction."""
     observation: Observation = "dict"
-    """"dict", the same packed as "flat", or the whole "map" as image channels."""
+    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map", or the "cell"."""
     irs_phases: bool = True
     """Whether the observation holds the phase shift of each sub-surface."""
     constraint: Constraint = "refuse"

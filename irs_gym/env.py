@@ -66,13 +66,14 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     The same keys at the reset and at every step, as plain numbers and arrays:
 
     - ``distance``: metres travelled; ``oracle_distance``: metres of the shortest feasible path from the start;
-    - ``margin_db``: gain over the target in this cell;
+      ``distance_to_go``: likewise from here, inf where there is none;
+    - ``refused``: moves refused so far; ``is_refused``: whether the last one was;
+    - ``gain_db``: expected channel gain in this cell; ``margin_db``: gain over the target;
     - ``action_mask`` (8,): int8, 1 where a move is not refused;
     - ``cost``: 1.0 where the target is missed; ``is_success``: at the goal, without having missed the target;
     - ``spl``: success weighted by path length, 0 until there is success.
 
-    ``infos="all"``, or a list of names, gives also ``refused`` (moves refused so far), ``is_refused`` (the last one),
-    ``distance_to_go`` (metres of the shortest feasible path from here, inf where there is none) and ``gain_db``.
+    ``infos`` may be a list of the keys that are wanted.
 
     ## Arguments
     The fields of `irs_gym.task.Task`, ``infos``, and ``render_mode`` (``"rgb_array"`` or ``"ansi"``).
@@ -87,7 +88,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     metadata: dict[str, Any] = METADATA
     spec = PlainSpec()
 
-    def __init__(self, *, render_mode: str | None = None, infos: Infos = None, **arguments: Any) -> None:
+    def __init__(self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self._keys = checked_keys(infos)
         self.world: World = build_world(task_of(arguments, type(self).__name__))
@@ -128,6 +129,10 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         A mask reveals one step of radio information: whether each neighbouring cell meets the target.
         """
         return self._episode.action_masks()
+
+    def take_over(self, episode: Episode) -> None:
+        """Go on with an episode of the same task that another environment began."""
+        self._episode = episode
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; ``options`` may hold ``start`` and ``goal``, cells (i, j)."""

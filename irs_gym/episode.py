@@ -38,6 +38,19 @@ class Episode:
         self._refused = 0
         self._has_violated = False
 
+    @classmethod
+    def resumed(
+        cls, world: World, goal: Cell, path: Sequence[Cell], distance: float, refused: int, has_violated: bool
+    ) -> "Episode":
+        """An episode that has come to the end of a path ``(T, 2)``, with its metres and refusals so far."""
+        episode = cls(world, path[0], goal)
+        episode._cells = np.ravel_multi_index(np.array(path).T, world.radio_map.grid.shape).tolist()
+        episode._cell = episode._cells[-1]
+        episode._distance = distance
+        episode._refused = refused
+        episode._has_violated = has_violated
+        return episode
+
     @property
     def oracle(self) -> Path:
         """The shortest feasible path from start to goal."""

@@ -9,6 +9,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from irs_gym.episode import Episode
 from irs_gym.grid import Cell
 from irs_gym.ground import EpisodeSampler, Outcome
 from irs_gym.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
@@ -102,7 +103,7 @@ class VectorEpisodes:
             if resumed is not None:
                 is_refused[resumed] = False
             self._refused += is_refused
-        self._history.advance(self._sampler.ground.cells(outcome.states))
+        self._history.advance(self._sampler.ground.cells(outcome.states), self._clock)
         is_success = self._judge(outcome)
 
         # end
@@ -138,6 +139,17 @@ class VectorEpisodes:
         """World and goal of robot i."""
         return self._sampler.scene_and_goal(self._states, i)
 
+    def episode_of(self, i: int) -> Episode:
+        """Episode of robot i as a single environment has it."""
+        world, goal = self.scene_and_goal(i)
+        if not self._is_reset:
+            return Episode(world, world.start, world.goal)
+        path = self._history.path(i)
+        refused = self._history.steps(i) - (len(path) - 1)
+        episode = Episode.resumed(world, goal, path, float(self._distance[i]), refused, bool(self._has_violated[i]))
+        episode.is_running = not self._has_ended[i]
+        return episode
+
     # --- episodes ---------------------------------------------------------------------------------------------------
 
     def _begin(self, chosen: NDArray[np.int64], options: dict[str, Any]) -> None:
@@ -150,7 +162,7 @@ class VectorEpisodes:
         self._refused[chosen] = 0
         self._oracle_distance[chosen] = ground.distance_to_go(begun)
         self._has_violated[chosen] = False
-        self._history.begin(chosen, ground.cells(begun))
+        self._history.begin(chosen, ground.cells(begun), self._clock)
 
         has_ended = self._has_ended.copy()  # not in place: the last step's flags are told apart from it
         has_ended[chosen] = False

@@ -65,24 +65,22 @@ VALUES: Values = {
     "oracle_distance": lambda step: step.oracle_distance.copy(),
 }
 KEYS = tuple(VALUES)
-ON_REQUEST = ("refused", "is_refused", "distance_to_go", "gain_db")  # else a step would take a third longer
+SLOW = ("refused", "is_refused", "distance_to_go", "gain_db")  # with them, a step of a vector takes a third longer
 
-Infos = Sequence[str] | Literal["all"] | None  # what a user may ask for
+Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
 
 
 def checked_keys(infos: Infos, more: Sequence[str] = ()) -> tuple[str, ...]:
     """Keys that a user asks for, in one order: of `KEYS` and those of the environment beside them.
 
-    ``None`` stands for all but those `ON_REQUEST`. Raises ``ValueError`` for what are no known keys.
+    ``"fast"`` stands for all but the `SLOW`. Raises ``ValueError`` for what are no known keys.
     """
     known = (*KEYS, *more)
-    if infos is None:
-        return tuple(key for key in known if key not in ON_REQUEST)
-    if isinstance(infos, str) and infos == "all":
-        return known
+    if isinstance(infos, str) and infos in ("all", "fast"):
+        return tuple(key for key in known if infos == "all" or key not in SLOW)
     is_list = isinstance(infos, Sequence) and not isinstance(infos, str)
     if not is_list or not all(key in known for key in infos):
-        raise ValueError(f"infos={infos!r} must be None, 'all', or a list of some of {', '.join(known)}")
+        raise ValueError(f"infos={infos!r} must be 'all', 'fast', or a list of some of {', '.join(known)}")
     return tuple(key for key in known if key in infos)
 
 

@@ -72,7 +72,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     metadata: dict[str, Any] = METADATA
     spec = PlainSpec()
 
-    def __init__(self, *, render_mode: str | None = None, infos: Infos = None, **arguments: Any) -> None:
+    def __init__(self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self._keys = checked_keys(infos, ["scene_id"])
         self._episode_keys = [key for key in self._keys if key != "scene_id"]
@@ -116,6 +116,10 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``; see `IrsNavEnv.action_masks`."""
         return self._episode.action_masks()
+
+    def take_over(self, episode: Episode) -> None:
+        """Go on with an episode of the same task that another environment began."""
+        self._episode = episode
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode in another scene; ``options`` may hold ``scene_id``, ``start`` and ``goal``."""

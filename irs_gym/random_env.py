@@ -9,12 +9,14 @@ from gymnasium import spaces
 from gymnasium.wrappers import HumanRendering, RenderCollection
 from numpy.typing import NDArray
 
-from irs_gym.dynamics import ACTIONS
-from irs_gym.episode import Episode, begin
+from irs_gym.dynamics import ACTIONS, Transition
+from irs_gym.episode import Episode, begin, resume
+from irs_gym.grid import Cell
 from irs_gym.interface import METADATA, PlainSpec, checked_options, checked_render_mode, checked_seed
 from irs_gym.oracle import Path
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
 from irs_gym.rendering.modes import with_render_mode
+from irs_gym.snapshot import Snapshot
 from irs_gym.task import World
 from irs_gym.trail import Trail
 
@@ -73,6 +75,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
+        self._number = 0  # of the episode's scene
         first = self.worlds.world(0)
         self._episode = Episode(first, first.start, first.goal)
         self._episode.is_running = False
@@ -108,20 +111,42 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         """Which actions are not refused in this cell, bool ``(8,)``; see `IrsNavEnv.action_masks`."""
         return self._episode.action_masks()
 
+    def optimal_actions(self, cell: Cell | None = None) -> NDArray[np.int64]:
+        """All actions that begin a shortest feasible path, int64 ``(n,)``; see `IrsNavEnv.optimal_actions`."""
+        return self._episode.optimal_actions(cell)
+
+    def transition_table(self) -> Transition:
+        """What each action does in each cell of this episode's scene; see `IrsNavEnv.transition_table`."""
+        return self._episode.transition_table()
+
+    def optimal_q(self, gamma: float) -> NDArray[np.float64]:
+        """The optimal action values in this episode's scene, ``(X * Y, 8)``; see `IrsNavEnv.optimal_q`."""
+        return self._episode.optimal_q(gamma)
+
+    def get_state(self) -> bytes:
+        """Where the episode stands, as 42 bytes for `set_state`; see `IrsNavEnv.get_state`."""
+        return self._episode.snapshot(self._number).to_bytes()
+
+    def set_state(self, state: bytes) -> None:
+        """Go on from a state, in its scene; see `IrsNavEnv.set_state`."""
+        snapshot = Snapshot.from_bytes(state)
+        if snapshot.scene >= len(self.worlds):
+            raise ValueError(f"state is of scene {snapshot.scene}, and there are {len(self.worlds)} here")
+        self._episode, self._number = resume(self.worlds.world(snapshot.scene), snapshot), snapshot.scene
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode in another scene; ``options`` may hold ``scene_id``, ``start`` and ``goal``."""
         super().reset(seed=checked_seed(seed))
         given = checked_options(options, "scene_id")
         number = self.worlds.choose(given.pop("scene_id", None), self.np_random)
-        self._episode = begin(self.worlds.world(number), given, self.np_random)
-        self._scene_id = self.worlds.pool.names[number]
+        self._episode, self._number = begin(self.worlds.world(number), given, self.np_random), number
         observation, info = self._episode.opening()
-        return observation, {**info, "scene_id": self._scene_id}
+        return observation, {**info, "scene_id": self.worlds.pool.names[number]}
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move once; see the class for what the move does."""
         outcome = self._episode.step(action)
-        outcome[-1]["scene_id"] = self._scene_id
+        outcome[-1]["scene_id"] = self.worlds.pool.names[self._number]
         return outcome
 
     def render(self) -> Any:

@@ -43,7 +43,9 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
       ``irs_phases=False``).
 
     ``observation="flat"`` is the same packed as one Box, in the order of `gymnasium.spaces.flatten`.
-    ``observation="map"`` is an image (4, X, Y), channels first: margin, obstacle, robot, goal.
+    ``observation="masked"`` is a Dict of that Box as ``observation`` and of ``action_mask`` (8,), int8, 1 where an
+    action is not refused. ``observation="map"`` is an image (4, X, Y), channels first: margin, obstacle, robot, goal.
+    ``observation="cell"`` is ``Discrete(X * Y)``: the robot's cell (i, j) in the room as i * Y + j, for tables.
 
     ## Rewards
     Minus the metres of the move, plus the decrease of the octile distance to the goal (potential-based shaping, which
@@ -64,7 +66,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     the episode is no success.
 
     ## Arguments
-    The fields of `irs_gym.task.Task`, and ``render_mode`` (``"rgb_array"`` or ``"ansi"``).
+    The fields of `irs_gym.task.Task`, and ``render_mode``: ``"rgb_array"`` or ``"ansi"``;
+    `gymnasium.make` knows ``"human"``, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNav-v0", num_envs=n, ...)``.

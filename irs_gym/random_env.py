@@ -43,7 +43,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     - ``irs`` (3,): presence, resolution and number of elements of the scene's IRS.
 
     ``observation="flat"`` is the same packed as one Box, in the order of `gymnasium.spaces.flatten`.
-    ``observation="map"`` is an image (4, X, Y), channels first: margin, obstacle, robot, goal.
+    ``observation="masked"`` is a Dict of that Box as ``observation`` and of ``action_mask`` (8,), int8, 1 where an
+    action is not refused. ``observation="map"`` is an image (4, X, Y), channels first: margin, obstacle, robot, goal.
+    ``observation="cell"`` is ``Discrete(X * Y)``: the robot's cell (i, j) in the frame as i * Y + j, for tables.
 
     ## Rewards
     As in `IrsNavEnv`: minus the metres of the move, plus the decrease of the octile distance to the goal, plus
@@ -60,7 +62,8 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     ``gymnasium.make(..., max_episode_steps=n)`` changes that. Refused moves are as in `IrsNavEnv`.
 
     ## Arguments
-    The fields of `irs_gym.random_task.RandomTask`, and ``render_mode`` (``"rgb_array"`` or ``"ansi"``).
+    The fields of `irs_gym.random_task.RandomTask`, and ``render_mode``: ``"rgb_array"`` or ``"ansi"``;
+    `gymnasium.make` knows ``"human"``, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNavRandom-v0", num_envs=n, ...)``.

@@ -48,7 +48,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     copy
         Whether each observation has memory of its own. Otherwise the next step overwrites it, which is faster.
     render_mode
-        ``"rgb_array"`` or ``"ansi"``: `render` gives one picture or text for each environment.
+        ``"rgb_array"`` or ``"ansi"``: `render` gives one picture or text for each environment. `gymnasium.make_vec`
+        knows ``"human"``, one window for all, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
     **arguments
         The fields of `irs_gym.task.Task`.
 

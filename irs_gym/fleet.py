@@ -9,11 +9,11 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from irs_gym.episode import Episode
 from irs_gym.grid import Cell
 from irs_gym.ground import EpisodeSampler, Outcome
 from irs_gym.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
 from irs_gym.interface import RENDERERS, checked_actions, view_of
+from irs_gym.snapshot import Snapshot
 from irs_gym.task import World
 from irs_gym.trail import PathHistory
 
@@ -139,16 +139,23 @@ class VectorEpisodes:
         """World and goal of robot i."""
         return self._sampler.scene_and_goal(self._states, i)
 
-    def episode_of(self, i: int) -> Episode:
-        """Episode of robot i as a single environment has it."""
+    def snapshot(self, i: int) -> tuple[Snapshot, list[Cell]]:
+        """Where the episode of robot i stands, and its path so far."""
         world, goal = self.scene_and_goal(i)
-        if not self._is_reset:
-            return Episode(world, world.start, world.goal)
-        path = self._history.path(i)
-        refused = self._history.steps(i) - (len(path) - 1)
-        episode = Episode.resumed(world, goal, path, float(self._distance[i]), refused, bool(self._has_violated[i]))
-        episode.is_running = not self._has_ended[i]
-        return episode
+        path = self._history.path(i) if self._is_reset else [world.start]
+        start, cell, end = np.ravel_multi_index(np.array([path[0], path[-1], goal]).T, world.feasible.shape).tolist()
+        snapshot = Snapshot(
+            rules=world.fingerprint,
+            scene=self._sampler.scene_number(self._states, i),
+            start=start,
+            goal=end,
+            cell=cell,
+            distance=float(self._distance[i]),
+            refused=self._history.steps(i) - (len(path) - 1),
+            has_violated=bool(self._has_violated[i]),
+            is_running=self._is_reset and not self._has_ended[i],
+        )
+        return snapshot, path
 
     # --- episodes ---------------------------------------------------------------------------------------------------
 

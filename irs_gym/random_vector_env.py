@@ -73,7 +73,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )
 
-        self._singles = SingleEnvs(self, partial(IrsNavRandomEnv, infos=infos, **arguments), self._episodes.episode_of)
+        self._singles = SingleEnvs(self, partial(IrsNavRandomEnv, infos=infos, **arguments), self._episodes.snapshot)
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -171,6 +171,9 @@ class _EpisodeSampler:
         states = states.copy()
         states[chosen] = self.ground.states_of(np.array(numbers), starts, goals)
         return states
+
+    def scene_number(self, states: States, i: int) -> int:
+        return int(self.ground.scenes(states[[i]])[0])
 
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         return self.ground.scene_and_goal(states, i)

@@ -6,9 +6,11 @@ from typing import Any
 import gymnasium
 from gymnasium.vector import VectorEnv
 
-from irs_gym.episode import Episode
+from irs_gym.grid import Cell
+from irs_gym.snapshot import Snapshot
 
 Make = Callable[[], gymnasium.Env[Any, Any]]
+Snapshots = Callable[[int], tuple[Snapshot, list[Cell]]]  # of a robot: where it stands, and its path
 
 
 class SingleEnvs:
@@ -19,12 +21,12 @@ class SingleEnvs:
 
     MOVES = ("reset", "step", "close", "set_state")
 
-    def __init__(self, envs: VectorEnv[Any, Any, Any], make: Make, episode_of: Callable[[int], Episode]) -> None:
+    def __init__(self, envs: VectorEnv[Any, Any, Any], make: Make, snapshot: Snapshots) -> None:
         """Environments that ``make`` makes, over the episodes of the robots of a vector."""
         self._envs = envs
         self._num_envs = envs.num_envs
         self._make = make
-        self._episode_of = episode_of
+        self._snapshot = snapshot
         self._own: dict[str, list[Any]] = {}  # attributes that the user set
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
@@ -36,6 +38,8 @@ class SingleEnvs:
             return tuple(self._own[name])
         if name in self.MOVES:
             raise AttributeError(f"{name!r} moves single environments: call {name} of the vector environment")
+        if not hasattr(self._make(), name):
+            raise AttributeError(f"single environments have no attribute {name!r}, and no method of that name")
         return tuple(self._answer(i, name, args, kwargs) for i in range(self._num_envs))
 
     def set_attr(self, name: str, values: Any) -> None:
@@ -54,6 +58,6 @@ class SingleEnvs:
     def _answer(self, i: int, name: str, args: Any, kwargs: Any) -> Any:
         env: Any = self._make().unwrapped
         env.spec = self._envs.spec
-        env.take_over(self._episode_of(i))
+        env.take_over(*self._snapshot(i))
         value = getattr(env, name)
         return value(*args, **kwargs) if callable(value) else value

@@ -50,7 +50,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     copy
         Whether each observation has memory of its own. Otherwise the next step overwrites it, which is faster.
     render_mode
-        ``"rgb_array"`` or ``"ansi"``: `render` gives one picture or text for each environment.
+        ``"rgb_array"`` or ``"ansi"``: `render` gives one picture or text for each environment. `gymnasium.make_vec`
+        knows ``"human"``, one window for all, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
     infos
         Keys that the infos hold, at every step the same: ``"all"`` of the single environment's, a list of some, or
         ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go`` and ``gain_db``.
@@ -88,7 +89,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )
 
-        self._singles = SingleEnvs(self, partial(IrsNavEnv, infos=infos, **arguments), self._episodes.episode_of)
+        self._singles = SingleEnvs(self, partial(IrsNavEnv, infos=infos, **arguments), self._episodes.snapshot)
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -180,6 +181,9 @@ class _EpisodeSampler:
         states = self._restacked(states, goal)
         states[chosen] = cells + self.ground.first_state(goal)
         return states
+
+    def scene_number(self, states: States, i: int) -> int:
+        return 0
 
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         return self.world, self._goals[i]

@@ -7,6 +7,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 def both(env_id: str, n: int, mode: AutoresetMode, **kwargs) -> tuple[gymnasium.vector.VectorEnv, SyncVectorEnv]:
     """Our vector environment, and Gymnasium's."""
+    kwargs.setdefault("infos", "all")
     ours = gymnasium.make_vec(env_id, num_envs=n, autoreset_mode=mode, **kwargs)
     single = SyncVectorEnv([lambda: gymnasium.make(env_id, **kwargs)] * n, autoreset_mode=mode)
     return ours, single

@@ -14,7 +14,6 @@ from agents.expedition import Expedition, Terms
 from agents.exploration import Exploration
 from agents.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
 from agents.explorer_policy import Explorer, likeliest
-from agents.imitation import detours_of_moves
 from agents.local_extractor import FRAME, LocalExtractor
 from agents.local_settings import ExplorerConfig, ExplorerPpoConfig, LocalPpoConfig
 from agents.map_learner import MapLearner
@@ -25,7 +24,7 @@ from agents.replanning import Replanner
 from agents.rollout import evaluation_env, roll_out
 from agents.seen import Seen, parts_of, patches_of
 from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
-from irs_gym.oracle import distance_to_go
+from irs_gym.oracle import detours_of_moves, distance_to_go
 from irs_gym.pool import Pool
 from irs_gym.task import Task
 

@@ -41,10 +41,15 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     ``observation="map"`` is an image (4, X, Y), channels first: margin, obstacle, robot, goal.
 
     ## Rewards
-    Minus the metres of the move, plus the decrease of the octile distance to the goal (potential-based shaping, which
-    leaves the best path the best), plus ``goal_bonus`` at the goal. The oracle's path has the largest undiscounted
-    return of all that satisfy the constraint; under ``"terminate"`` this takes a bonus above the detour,
-    which is checked for the task's own start.
+    Minus the metres of the move, plus the decrease of the octile distance to the goal (the potential-based shaping
+    Phi' - Phi), plus ``goal_bonus`` at the goal. The oracle's path has the largest undiscounted return of all that
+    satisfy the constraint; under ``"terminate"`` this takes a bonus above the detour, which is checked for the task's
+    own start.
+
+    An agent that discounts by gamma may find another path the best, as the term is not gamma Phi' - Phi. At
+    gamma = 0.98 and the defaults that is so from 10 of the 933 starts, by 2.6 % at most; in 14 of the 1,000 test scenes
+    of ``IrsNavRandom-v0``, from their own starts; and in long spirals it is best never to arrive. The page
+    ``docs/shaping.md`` tells more.
 
     ## Starting State
     The scene's start, or with probability ``random_start`` a cell drawn among those from which the goal can be

@@ -1,4 +1,4 @@
-"""`python -m eval shaping`: where a discount makes another path than the shortest the best, and writes docs/shaping.md."""
+"""`python -m eval shaping`: writes docs/shaping.md, where a discount makes another path than the shortest the best."""
 
 import sys
 from collections.abc import Iterable
@@ -26,9 +26,9 @@ INTRODUCTION = """# What a discount makes of the best path
 
 The reward is minus the metres of a move, plus Phi' - Phi, plus a bonus at the goal, where Phi is minus the octile
 distance to the goal. Without a discount (gamma = 1) the shaping adds up to the same for every path from a start, so
-the oracle's has the largest return. An agent that discounts learns something else: the term that would leave the order of
-policies as it is under a discount is gamma Phi' - Phi (Ng, Harada and Russell 1999, "Policy invariance under reward
-transformations"), and a discount alone already weighs the later metres of a path less than the earlier ones.
+the oracle's has the largest return. An agent that discounts learns something else: the term that would leave the order
+of policies as it is under a discount is gamma Phi' - Phi (Ng, Harada and Russell 1999, "Policy invariance under
+reward transformations"), and a discount alone already weighs the later metres of a path less than the earlier ones.
 
 How much it matters is computed here, by value iteration over the exact transitions; nothing is sampled or learned. Made
 by `python -m eval shaping`. The columns count where the path of the largest discounted return is longer than the
@@ -47,8 +47,8 @@ ADVICE = """## What follows
 
 What stands under "without shaping" holds for gamma Phi' - Phi as well, which leaves the order of all policies as it is:
 in the paper's factory at 0.98 as many starts are concerned with either, few of them, and by a few per cent. Where the
-way leads away from the goal for long, as in spirals, Phi' - Phi can make it best never to arrive: take a discount nearer
-to 1 there, or `shaping=False`."""
+way leads away from the goal for long, as in spirals, Phi' - Phi can make it best never to arrive: take a discount
+nearer to 1 there, or `shaping=False`."""
 
 
 def main(out: Path = Path("docs"), scenes: int = 1000) -> int:

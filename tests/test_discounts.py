@@ -1,5 +1,6 @@
 """Facts about what a discount makes of the returns on a problem."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ def test_a_discount_near_one_leaves_the_best_path_the_best_and_a_small_one_does_
 def returns(world: World, cells: list[tuple[int, int]], gamma: float) -> float:
     """Discounted return of a path, with the reward written out: -metres + Phi' - Phi, and the bonus at the goal."""
     total, weight = 0.0, 1.0
-    for here, there in zip(cells[:-1], cells[1:], strict=True):
+    for here, there in pairwise(cells):
         octile = [max(d) + (2**0.5 - 1) * min(d) for d in (np.abs(np.subtract(c, world.goal)) for c in (here, there))]
         metres = 0.5 * np.hypot(*np.subtract(there, here))
         bonus = world.task.goal_bonus * (there == world.goal)

@@ -123,8 +123,8 @@ def test_a_spiral_is_one_corridor():
 def test_the_pages_say_what_is_computed():
     world = build_world(Task())
     distance = float(tabulate(world, world.goal).distance_to_go[world.start])
-    assert discounts_section(distance, outlooks(world, GAMMAS)).strip() in (DOCS / "ablations.md").read_text()
-    page = (DOCS / "shaping.md").read_text()
+    assert discounts_section(distance, outlooks(world, GAMMAS)).strip() in (DOCS / "ablations.md").read_text(encoding="utf-8")
+    page = (DOCS / "shaping.md").read_text(encoding="utf-8")
     assert shaping.paper_section().strip() in page
     assert "| 0.98 | 14 of 1,000 |" in page
     assert "| 0.98 | 16 of 20 | 12 of 20 |" in page
@@ -133,7 +133,7 @@ def test_the_pages_say_what_is_computed():
 def test_the_page_is_written_of_as_many_scenes_as_are_asked_for(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(shaping, "SPIRAL_SIDES", range(5, 9, 2))
     assert call(monkeypatch, "shaping", "--out", tmp_path / "docs", "--scenes", 3) == 0
-    page = (tmp_path / "docs/shaping.md").read_text()
+    page = (tmp_path / "docs/shaping.md").read_text(encoding="utf-8")
     assert "| 0.98 | 0 of 3 |" in page
     assert "| 0.98 | 0 of 2 | 0 of 2 |" in page
     assert call(monkeypatch, "shaping", "--out", tmp_path / "docs", "--scenes", 0) == 2

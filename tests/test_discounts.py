@@ -123,7 +123,8 @@ def test_a_spiral_is_one_corridor():
 def test_the_pages_say_what_is_computed():
     world = build_world(Task())
     distance = float(tabulate(world, world.goal).distance_to_go[world.start])
-    assert discounts_section(distance, outlooks(world, GAMMAS)).strip() in (DOCS / "ablations.md").read_text(encoding="utf-8")
+    section = discounts_section(distance, outlooks(world, GAMMAS)).strip()
+    assert section in (DOCS / "ablations.md").read_text(encoding="utf-8")
     page = (DOCS / "shaping.md").read_text(encoding="utf-8")
     assert shaping.paper_section().strip() in page
     assert "| 0.98 | 14 of 1,000 |" in page

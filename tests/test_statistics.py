@@ -78,7 +78,7 @@ def test_equal_seeds_have_no_width_and_say_so():
 
 
 def test_seeds_that_the_rounding_of_sums_alone_keeps_apart_are_equal():
-    lengths = [sum([0.5] * 3 + [0.5 * 2**0.5] * 7), sum([0.5 * 2**0.5] * 7 + [0.5] * 3)]
+    lengths = [0.1 + 0.2, 0.3]
     assert lengths[0] != lengths[1]
     for statistic in (mean, interquartile_mean, median):
         found = estimate([each / lengths[0] for each in lengths] * 5, statistic)

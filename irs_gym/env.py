@@ -57,7 +57,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
 
     ## Episode End
     Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell below the target.
-    Truncated after 400 steps; ``gymnasium.make(..., max_episode_steps=n)`` changes that.
+    Truncated after 400 steps; ``gymnasium.make(..., max_episode_steps=n)`` changes that. `python -m eval` scores agents
+    that act in many scenes over max(400, 5 (X + Y)) steps on maps of X x Y cells.
 
     A move into an obstacle or out of the room leaves the robot where it is and costs the move. Cells below the
     target: ``"refuse"`` treats them likewise; ``"allow"`` lets the robot in, with ``info["cost"]`` 1.0 there, and

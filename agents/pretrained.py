@@ -139,7 +139,10 @@ class Pretrained:
 
     @property
     def predict(self) -> Callable[..., tuple[NDArray[np.int64], Any]]:
-        """The `predict` of `agents.policy.Policy`; that of MaskablePPO takes ``action_masks`` too."""
+        """The `predict` of `agents.policy.Policy`; that of MaskablePPO takes ``action_masks`` too.
+
+        It is that of Stable-Baselines3: PPO draws its moves unless ``deterministic=True`` is given.
+        """
         predict: Callable[..., tuple[NDArray[np.int64], Any]] = self.policy.predict
         return predict
 

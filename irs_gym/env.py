@@ -49,10 +49,15 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     ``observation="cell"`` is ``Discrete(X * Y)``: the robot's cell (i, j) in the room as i * Y + j, for tables.
 
     ## Rewards
-    Minus the metres of the move, plus the decrease of the octile distance to the goal (potential-based shaping, which
-    leaves the best path the best), plus ``goal_bonus`` at the goal. The oracle's path has the largest undiscounted
-    return of all that satisfy the constraint; under ``"terminate"`` this takes a bonus above the detour,
-    which is checked for the task's own start.
+    Minus the metres of the move, plus the decrease of the octile distance to the goal (the potential-based shaping
+    Phi' - Phi), plus ``goal_bonus`` at the goal. The oracle's path has the largest undiscounted return of all that
+    satisfy the constraint; under ``"terminate"`` this takes a bonus above the detour, which is checked for the task's
+    own start.
+
+    An agent that discounts by gamma may find another path the best, as the term is not gamma Phi' - Phi. At
+    gamma = 0.98 and the defaults that is so from 10 of the 933 starts, by 2.6 % at most; in 14 of the 1,000 test scenes
+    of ``IrsNavRandom-v0``, from their own starts; and in long spirals it is best never to arrive. The page
+    ``docs/shaping.md`` tells more.
 
     ## Starting State
     The scene's start, or with probability ``random_start`` a cell drawn among those from which the goal can be
@@ -60,7 +65,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
 
     ## Episode End
     Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell below the target.
-    Truncated after 400 steps; ``gymnasium.make(..., max_episode_steps=n)`` changes that.
+    Truncated after 400 steps; ``gymnasium.make(..., max_episode_steps=n)`` changes that. `python -m eval` scores agents
+    that act in many scenes over max(400, 5 (X + Y)) steps on maps of X x Y cells.
 
     A move into an obstacle or out of the room leaves the robot where it is and costs the move. Cells below the
     target: ``"refuse"`` treats them likewise; ``"allow"`` lets the robot in, with ``info["cost"]`` 1.0 there, and

@@ -60,7 +60,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     ## Episode End
     Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell below the target.
     Truncated after 400 steps in every split, which is several times an optimal path on the largest maps;
-    ``gymnasium.make(..., max_episode_steps=n)`` changes that. Refused moves are as in `IrsNavEnv`.
+    ``gymnasium.make(..., max_episode_steps=n)`` changes that. `python -m eval` scores its policies over
+    max(400, 5 (X + Y)) steps: 400 on the usual maps of 40 x 40 cells, 800 in ``"ood-size"``. Refused moves are as in
+    `IrsNavEnv`.
 
     ## Arguments
     The fields of `irs_gym.random_task.RandomTask`, ``infos`` (as in `IrsNavEnv`), and ``render_mode``:

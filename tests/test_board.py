@@ -293,3 +293,18 @@ def test_curve_of_a_run_is_read_as_it_was_written(make_run):
     assert curve.steps.tolist() == [float(row["steps"]) for row in rows]
     assert curve.spl.tolist() == [float(row["spl"]) for row in rows]
     assert not curve.is_optimal.any()
+
+
+def test_the_committed_scoreboard_is_the_page_of_its_board_and_marks_all_that_is_equal():
+    docs = Path(__file__).parents[1] / "docs"
+    told = json.loads((docs / "board.json").read_text(encoding="utf-8"))
+    assert markdown(told, board.FIGURES) == (docs / "scoreboard.md").read_text(encoding="utf-8")
+    spl = {}
+    for run in told["runs"]:
+        spl.setdefault((run["problem"], run["policy"]), []).append(run["spl"])
+    for problem in told["problems"]:
+        for standing in problem["standings"]:
+            if standing["kind"] == "learned":
+                values = spl[problem["label"], standing["name"]]
+                is_marked = standing["estimates"]["spl_mean"]["note"] == "all seeds equal"
+                assert is_marked == (max(values) - min(values) < 1e-9)

@@ -136,13 +136,22 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
 
 
 def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistModel]:
-    """Write the best model of each algorithm over many scenes, and the manifest; returns the entries written."""
+    """Write the best model of each algorithm over many scenes, and the manifest; returns the entries written.
+
+    Raises
+    ------
+    OSError
+        Where a file cannot be written.
+    ValueError
+        Where a model is damaged or does not fit its configuration.
+    """
     by_algorithm: dict[str, list[Run]] = {}
     for run in runs:
         by_algorithm.setdefault(run.config.algorithm, []).append(run)
     entries, contents = [], {}
     for algorithm, found in sorted(by_algorithm.items()):
         best = max(found, key=_rank)
+        best.load_model()  # what does not fit is not kept
         manifest, content = best.manifest, best.read_model()
         model = manifest.models["best"]
         entries.append(

@@ -64,9 +64,8 @@ def _scripts(monkeypatch):
 def make_run(tmp_path, model):
     def make(kind: str, seed: int, *, status="finished", task: Task = TASK, rows=None, **agent) -> Run:
         """A run whose best model does as its kind says: it arrives at second 20 of tests at 10, 20 and 30."""
-        config = Config(
-            algorithm="ppo", seed=seed, env=arguments_of(task), agent={"net_arch": [4], **agent}, training={}
-        )
+        settings = {"net_arch": [4], **agent}
+        config = Config(algorithm="ppo", seed=seed, env=arguments_of(task), agent=settings, training={})
         run = Run.create(tmp_path / "runs" / f"{kind}-{len(find_runs(tmp_path))}", config)
         episode = roll_out(Script(MOVES[kind]), evaluation_env(run.task))
         run.save_model("best", model, 200, is_success=episode.is_success, ratio=episode.ratio)

@@ -1,6 +1,7 @@
 """`train`: one training run, from its settings to its run folder."""
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,6 +52,8 @@ def train(config: TrainConfig | GeneralistConfig) -> tuple[Run, Evaluation]:
     """Train as the settings say; returns the run folder and what was seen of the agent on the way."""
     if config.resume is None:
         run = Run.create(_folder(config), record_of(config), overwrite=config.overwrite)
+        if run.manifest.signature is None:
+            print(f"{run.folder}: no key of yours can be kept, so resuming it will ask for --trust", file=sys.stderr)
     else:
         run = Run.open(config.resume)
         config = replace(settings_of(run), progress=config.progress, trust=config.trust)

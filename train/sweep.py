@@ -30,9 +30,9 @@ from train.run import train
 def main(file: Positional[Path], jobs: int | None = None, retries: int = 1, trust: bool = False) -> int:
     """Train every algorithm in every setting with every seed that a sweep file names.
 
-    On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this checkout and the runs
-    under the same paths, and a key file of yours, named by IRS_GYM_KEY. Started again, it leaves runs that have ended as they are, goes on with those that were
-    interrupted, and tries those that have failed once more.
+    On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this checkout, the runs and, where
+    IRS_GYM_KEY names one, a key file under the same paths. Started again, it leaves runs that have ended as they are,
+    goes on with those that were interrupted, and tries those that have failed once more.
 
     Parameters
     ----------
@@ -172,10 +172,9 @@ def _start_ray(jobs: int | None) -> int:
     address = os.environ.get("RAY_ADDRESS")
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
     if address:
-        shared = {
-            "PYTHONPATH": str(ROOT),
-            **{name: value for name, value in os.environ.items() if name == "IRS_GYM_KEY"},
-        }
+        shared = {"PYTHONPATH": str(ROOT)}
+        if "IRS_GYM_KEY" in os.environ:
+            shared["IRS_GYM_KEY"] = os.environ["IRS_GYM_KEY"]
         ray.init(address=address, runtime_env={"env_vars": shared}, **quiet)
     else:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")

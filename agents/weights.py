@@ -84,7 +84,8 @@ def _space_of(config: Config, task: Task | None) -> spaces.Space[Any]:
     """What the policy sees."""
     if task is not None:
         return evaluation_env(task).observation_space
-    seen, frame = observation_of(config.algorithm), split_of(str(config.env.get("split"))).frame
+    seen = observation_of(config.algorithm)  # type: ignore[arg-type]  # a generalist's
+    frame = split_of(str(config.env.get("split"))).frame
     return Packing(seen, 2 * Task.patch_radius + 1, _IRS_OF_MANY_SCENES, frame).space
 
 

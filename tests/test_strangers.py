@@ -18,6 +18,7 @@ from stable_baselines3 import PPO
 from tiny import TINY, call, open_floor
 
 from agents import signature
+from agents.algorithms import read_network
 from agents.checkpoint import Run, RunError
 from agents.pretrained import load_pretrained
 from agents.weights import pack
@@ -315,9 +316,7 @@ def test_configuration_of_huge_networks_is_refused_before_they_are_made(tmp_path
 def test_file_of_a_huge_network_over_maps_is_refused_before_it_is_made():
     content, header = BytesIO(), {"network": "unet", "settings": {"width": 8_000, "passes": 1}}
     np.savez(content, header=np.array(json.dumps(header)))
-    with pytest.raises(ValueError, match="does not hold a network over maps: .* is missing"):
-        from agents.algorithms import read_network
-
+    with pytest.raises(ValueError, match=r"does not hold a network over maps: .* is missing"):
         read_network(content.getvalue())
 
 

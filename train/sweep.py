@@ -30,9 +30,9 @@ from train.run import train
 def main(file: Positional[Path], jobs: int | None = None, retries: int = 1, trust: bool = False) -> int:
     """Train every algorithm in every setting with every seed that a sweep file names.
 
-    On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this checkout, the runs and, where
-    IRS_GYM_KEY names one, a key file under the same paths. Started again, it leaves runs that have ended as they are,
-    goes on with those that were interrupted, and tries those that have failed once more.
+    On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this checkout, the runs
+    and, where IRS_GYM_KEY names one, a key file under the same paths. Started again, it leaves runs that have
+    ended as they are, goes on with those that were interrupted, and tries those that have failed once more.
 
     Parameters
     ----------

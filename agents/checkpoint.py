@@ -7,7 +7,7 @@
 - ``checkpoint-STEPS.pickle``: the state of a training that has not ended, to go on from; the newest two.
 
 Files are replaced as a whole, and a new model gets a new name, so that a run killed at any moment leaves a manifest
-and the files that it names.
+and the files that it names. Whoever changes the folder NAME holds the lock ``.NAME.lock`` beside it.
 """
 
 import csv
@@ -15,7 +15,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from io import BytesIO, StringIO
@@ -28,17 +28,22 @@ from pydantic import ValidationError
 from agents import provenance
 from agents.algorithms import GENERALISTS, keeps_arrays, load
 from agents.manifest import Config, Entry, GeneralistEntry, Manifest, ModelEntry, Record
-from irs_gym.files import write_file
+from irs_gym.files import read_file, write_file
 from irs_gym.radio_map import RadioMap, as_scene
 from irs_gym.scene import scene_names
 from irs_gym.task import Task, task_of
 
 CHECKPOINTS = 2  # kept, so that there is one to fall back on
+RECORD_BYTES = 2**22  # at most in manifest.json and config.json
 COPIES = {"scene": "scene.json", "radio_map": "radio_map.npz"}  # of the user's own files, within the folder
 
 
 class RunError(ValueError):
     """A run folder that is missing, damaged, or not to be replaced."""
+
+
+class LockedError(RunError):
+    """A run folder that another process is working on."""
 
 
 _AnyRecord = TypeVar("_AnyRecord", bound=Record)
@@ -60,19 +65,28 @@ class Run:
             Where the folder holds a run that is not to be replaced, or anything that is not a run.
         """
         run = cls(Path(folder))
-        run.check_vacant(overwrite=overwrite)
-        target = run.folder.absolute()
-        draft = cls(target.with_name(f".{target.name}.{os.getpid()}"))
+        with run.locked():
+            run.begin(config, overwrite=overwrite)
+        return run
+
+    def begin(self, config: Config, *, overwrite: bool = False) -> None:
+        """What `create` does, for whoever holds the lock already."""
+        self.check_vacant(overwrite=overwrite)
+        target = self.folder.resolve()
+        draft = Run(target.with_name(f".{target.name}.{os.getpid()}"))
+        aside = target.with_name(f"{draft.folder.name}.old")
+
         try:
-            draft.folder.mkdir(parents=True)
+            _remove_leftovers(target)
+            draft.folder.mkdir()
             draft._write("config.json", config.model_copy(update={"env": _with_copies(config.env, draft.folder)}))
             draft._write("manifest.json", Manifest(versions=provenance.versions(), commit=provenance.commit()))
-            if target.exists():
-                shutil.rmtree(target)
-            draft.folder.rename(target)
+            _put_in_place(draft.folder, target, aside)
+        except OSError as error:
+            raise RunError(f"{str(self.folder)!r} cannot be made: {error}") from None
         finally:
             shutil.rmtree(draft.folder, ignore_errors=True)
-        return run
+            shutil.rmtree(aside, ignore_errors=True)
 
     @classmethod
     def open(cls, folder: str | Path) -> "Run":
@@ -85,6 +99,11 @@ class Run:
 
     def check_vacant(self, *, overwrite: bool) -> None:
         """Raise `RunError` where `create` would."""
+        if self.folder.is_symlink():
+            raise RunError(f"{str(self.folder)!r} is a symbolic link: name the folder that it leads to")
+        target, here = self.folder.absolute(), Path.cwd()
+        if target.exists() and any(target.samefile(each) for each in (here, *here.parents)):
+            raise RunError(f"{str(self.folder)!r} holds the folder that this program runs in: name another folder")
         if not self.folder.exists() or (self.folder.is_dir() and not any(self.folder.iterdir())):
             return
         if not (self.folder / "manifest.json").is_file():
@@ -123,12 +142,32 @@ class Run:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keeps other processes from training into the folder; raises `RunError` where one does already."""
+        """Keep other processes from training into the folder and from replacing it.
+
+        Raises
+        ------
+        LockedError
+            Where another process does so.
+        RunError
+            Where the lock, a file beside the folder, cannot be made.
+        """
         try:
-            with FileLock(self.folder / ".lock", timeout=0):
-                yield
+            target = self.folder.resolve()  # one lock by whatever name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path = target.parent / f".{target.name}.lock"
+            lock = FileLock(path)
+            lock.acquire(timeout=0.1)
         except Timeout:
-            raise RunError(f"{str(self.folder)!r} is being trained by another process") from None
+            raise LockedError(f"{str(self.folder)!r} is being trained by another process") from None
+        except (OSError, RuntimeError) as error:  # the latter for links that lead in a circle
+            raise RunError(f"{str(self.folder)!r} cannot be locked: {error}") from None
+
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # Windows removes it by itself
+                path.unlink()
+            lock.release()
 
     def update(self, **changes: Any) -> None:
         """Change fields of the manifest, then remove the files that it no longer names."""
@@ -191,8 +230,9 @@ class Run:
 
     def remove_drafts(self) -> None:
         """Remove files that were half written when a process was killed."""
-        for path in self.folder.glob(".*.[0-9]*"):
-            path.unlink()
+        for path in self.folder.iterdir():
+            if re.fullmatch(r"\..+\.\d+(-[0-9a-f]+)?", path.name) and not path.is_dir():
+                path.unlink()
 
     def read(self, entry: Entry) -> bytes:
         """Content of a file that the manifest lists; raises `RunError` where it is missing or another."""
@@ -216,13 +256,15 @@ class Run:
 
     def _read(self, name: str, kind: type[_AnyRecord]) -> _AnyRecord:
         try:
-            return kind.model_validate_json((self.folder / name).read_bytes())
+            return kind.model_validate_json(read_file(self.folder / name, RECORD_BYTES))
         except OSError as error:
             raise RunError(f"{str(self.folder / name)!r} cannot be read: {error.strerror}") from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))
             raise RunError(f"{str(self.folder / name)!r} is damaged: {where or 'the file'}: {first['msg']}") from None
+        except ValueError as error:
+            raise RunError(str(error)) from None
 
     def _write_hashed(self, file: str, content: bytes) -> str:
         write_file(self.folder / file, content)
@@ -230,6 +272,28 @@ class Run:
 
     def _write(self, name: str, record: Record) -> None:
         write_file(self.folder / name, (record.model_dump_json(indent=2) + "\n").encode())
+
+
+def _put_in_place(draft: Path, target: Path, aside: Path) -> None:
+    """Rename the draft to the target, and what is there to ``aside``; where that fails, all is as it was."""
+    try:
+        if target.exists():
+            target.rename(aside)
+        draft.rename(target)
+    except BaseException:
+        if aside.exists() and not target.exists():
+            aside.rename(target)
+        raise
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Remove what processes that were killed while they made a run have left beside its folder, which is locked."""
+    pattern = re.compile(rf"\.{re.escape(target.name)}\.\d+(\.old)?")
+    for path in target.parent.iterdir():
+        if pattern.fullmatch(path.name) and path.is_symlink():
+            path.unlink()
+        elif pattern.fullmatch(path.name):
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -93,4 +93,8 @@ def _read(texts: Iterable[bytes]) -> Iterable[Scene]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        print("python -m irs_gym.proof: interrupted", file=sys.stderr)
+        sys.exit(130)

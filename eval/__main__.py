@@ -4,7 +4,7 @@ import sys
 from functools import partial
 from importlib import import_module
 
-from agents.interruption import exit_at_once, interruptible
+from agents.interruption import exit_at_once, interruptible, leave
 
 # Modules are imported when their command is run, so that none pays for the packages of another.
 COMMANDS = {
@@ -40,4 +40,4 @@ def main() -> int:
 
 if __name__ == "__main__":
     exit_at_once("python -m eval")
-    sys.exit(main())
+    leave(main())

@@ -6,7 +6,7 @@ from functools import partial
 
 from agents.interruption import ALL, exit_at_once, interruptible
 
-# All else is imported in functions: a Ctrl-C meanwhile ends in one line, and help and mistakes need not wait for PyTorch.
+# All else is imported in functions: a Ctrl-C meanwhile ends in one line, and help need not wait for PyTorch.
 
 
 def main() -> int:

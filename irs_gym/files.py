@@ -38,12 +38,16 @@ def read_file(path: Path, most: int) -> bytes:
     ValueError
         Where it is a pipe, a device or a folder, or larger.
     """
-    with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
-        found = os.fstat(file.fileno())
+    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    try:
+        found = os.fstat(number)
         if not stat.S_ISREG(found.st_mode):
             raise ValueError(f"{str(path)!r} is not a regular file")
+        with open(number, "rb", closefd=False) as file:
+            content = file.read(most + 1)
+    finally:
+        os.close(number)
 
-        content = file.read(most + 1)
     if len(content) > most:
         raise ValueError(f"{str(path)!r} holds {found.st_size:,} bytes, and at most {most:,} are read")
     return content

@@ -8,6 +8,8 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from PIL import Image
 
+from eval.markdown import printable
+
 
 def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes:
     """The figure as a PNG without date or version; a third of the size with a palette of 256 colours."""
@@ -22,8 +24,8 @@ def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes
 
 
 def literal(name: str) -> str:
-    """The name as matplotlib shows it as it is, and not as a formula."""
-    return name.replace("$", r"\$")
+    """The name, or its first hundred characters, as matplotlib shows them as they are, and not as a formula."""
+    return printable(name if len(name) <= 100 else f"{name[:99]}…").replace("$", r"\$")
 
 
 def add_legend(figure: Figure, handles: Sequence[Artist]) -> None:

@@ -158,6 +158,8 @@ class Run:
             lock = FileLock(path)
             lock.acquire(timeout=0.1)
         except Timeout:
+            if not os.path.lexists(path):  # which the lock takes for another process that is just making it
+                raise RunError(f"{str(self.folder)!r} cannot be locked: {str(path)!r} cannot be made") from None
             raise LockedError(f"{str(self.folder)!r} is being trained by another process") from None
         except (OSError, RuntimeError) as error:  # the latter for links that lead in a circle
             raise RunError(f"{str(self.folder)!r} cannot be locked: {error}") from None

@@ -328,7 +328,7 @@ while status == 9:
     assert create(0) == 0, kills
     assert Run.open(folder).config.seed == 0
     assert os.listdir(folder.parent) == [folder.name]
-assert (status, kills > 12) == (0, True), kills
+assert (status, kills > 8) == (0, True), kills
 """
 
 

@@ -11,7 +11,7 @@ Nothing but a checkpoint is ever unpickled, and that only where the user goes on
 tells to be of the user's own, or that the user trusts.
 
 Files are replaced as a whole, and a new model gets a new name, so that a run killed at any moment leaves a manifest
-and the files that it names.
+and the files that it names. Whoever changes the folder NAME holds the lock ``.NAME.lock`` beside it.
 """
 
 import csv
@@ -19,7 +19,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from io import StringIO
@@ -32,17 +32,23 @@ from pydantic import ValidationError
 from agents import provenance, signature, weights
 from agents.algorithms import GENERALISTS
 from agents.manifest import Config, Entry, GeneralistEntry, Manifest, ModelEntry, Record
-from irs_gym.files import write_file
+from irs_gym.files import read_file, write_file
 from irs_gym.radio_map import RadioMap, as_scene
 from irs_gym.scene import scene_names
 from irs_gym.task import Task, task_of
 
 CHECKPOINTS = 2  # kept, so that there is one to fall back on
+# bytes at most in a file, by its suffix; a checkpoint may hold a large replay buffer
+MOST_BYTES = {".json": 2**22, ".npz": 2**28, ".pickle": 2**34}
 COPIES = {"scene": "scene.json", "radio_map": "radio_map.npz"}  # of the user's own files, within the folder
 
 
 class RunError(ValueError):
     """A run folder that is missing, damaged, or not to be replaced."""
+
+
+class LockedError(RunError):
+    """A run folder that another process is working on."""
 
 
 _AnyRecord = TypeVar("_AnyRecord", bound=Record)
@@ -64,20 +70,29 @@ class Run:
             Where the folder holds a run that is not to be replaced, or anything that is not a run.
         """
         run = cls(Path(folder))
-        run.check_vacant(overwrite=overwrite)
-        target = run.folder.absolute()
-        draft = cls(target.with_name(f".{target.name}.{os.getpid()}"))
+        with run.locked():
+            run.begin(config, overwrite=overwrite)
+        return run
+
+    def begin(self, config: Config, *, overwrite: bool = False) -> None:
+        """What `create` does, for whoever holds the lock already."""
+        self.check_vacant(overwrite=overwrite)
+        target = self.folder.resolve()
+        draft = Run(target.with_name(f".{target.name}.{os.getpid()}"))
+        aside = target.with_name(f"{draft.folder.name}.old")
+
         try:
-            draft.folder.mkdir(parents=True)
+            _remove_leftovers(target)
+            draft.folder.mkdir()
             draft._write("config.json", config.model_copy(update={"env": _with_copies(config.env, draft.folder)}))
             origin = {"versions": provenance.versions(), "commit": provenance.commit()}
             draft._write("manifest.json", _signed(Manifest(files=_digests(draft.folder), **origin)))
-            if target.exists():
-                shutil.rmtree(target)
-            draft.folder.rename(target)
+            _put_in_place(draft.folder, target, aside)
+        except OSError as error:
+            raise RunError(f"{str(self.folder)!r} cannot be made: {error}") from None
         finally:
             shutil.rmtree(draft.folder, ignore_errors=True)
-        return run
+            shutil.rmtree(aside, ignore_errors=True)
 
     @classmethod
     def open(cls, folder: str | Path) -> "Run":
@@ -90,6 +105,11 @@ class Run:
 
     def check_vacant(self, *, overwrite: bool) -> None:
         """Raise `RunError` where `create` would."""
+        if self.folder.is_symlink():
+            raise RunError(f"{str(self.folder)!r} is a symbolic link: name the folder that it leads to")
+        target, here = self.folder.absolute(), Path.cwd()
+        if target.exists() and any(target.samefile(each) for each in (here, *here.parents)):
+            raise RunError(f"{str(self.folder)!r} holds the folder that this program runs in: name another folder")
         if not self.folder.exists() or (self.folder.is_dir() and not any(self.folder.iterdir())):
             return
         if not (self.folder / "manifest.json").is_file():
@@ -152,12 +172,34 @@ class Run:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keeps other processes from training into the folder; raises `RunError` where one does already."""
+        """Keep other processes from training into the folder and from replacing it.
+
+        Raises
+        ------
+        LockedError
+            Where another process does so.
+        RunError
+            Where the lock, a file beside the folder, cannot be made.
+        """
         try:
-            with FileLock(self.folder / ".lock", timeout=0):
-                yield
+            target = self.folder.resolve()  # one lock by whatever name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path = target.parent / f".{target.name}.lock"
+            lock = FileLock(path)
+            lock.acquire(timeout=0.1)
         except Timeout:
-            raise RunError(f"{str(self.folder)!r} is being trained by another process") from None
+            if not os.path.lexists(path):  # which the lock takes for another process that is just making it
+                raise RunError(f"{str(self.folder)!r} cannot be locked: {str(path)!r} cannot be made") from None
+            raise LockedError(f"{str(self.folder)!r} is being trained by another process") from None
+        except (OSError, RuntimeError) as error:  # the latter for links that lead in a circle
+            raise RunError(f"{str(self.folder)!r} cannot be locked: {error}") from None
+
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # Windows removes it by itself
+                path.unlink()
+            lock.release()
 
     def update(self, **changes: Any) -> None:
         """Change fields of the manifest, then remove the files that it no longer names.
@@ -224,8 +266,9 @@ class Run:
 
     def remove_drafts(self) -> None:
         """Remove files that were half written when a process was killed."""
-        for path in self.folder.glob(".*.[0-9]*"):
-            path.unlink()
+        for path in self.folder.iterdir():
+            if re.fullmatch(r"\..+\.\d+(-[0-9a-f]+)?", path.name) and not path.is_dir():
+                path.unlink()
 
     def read(self, entry: Entry) -> bytes:
         """Content of a file that the manifest lists; raises `RunError` where it is missing or another."""
@@ -254,9 +297,9 @@ class Run:
     def _content(self, name: str) -> bytes:
         path = self.folder / name
         try:
-            if path.exists() and not path.is_file():
-                raise RunError(f"{str(path)!r} is not a regular file")
-            return path.read_bytes()
+            return read_file(path, MOST_BYTES[path.suffix])
+        except ValueError as error:
+            raise RunError(str(error)) from None
         except OSError as error:
             listed = "" if name == "manifest.json" else ", which the manifest lists,"
             raise RunError(f"{str(path)!r}{listed} cannot be read: {error.strerror}") from None
@@ -268,6 +311,8 @@ class Run:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))
             raise RunError(f"{str(self.folder / name)!r} is damaged: {where or 'the file'}: {first['msg']}") from None
+        except ValueError as error:
+            raise RunError(str(error)) from None
 
     def _write_hashed(self, file: str, content: bytes) -> str:
         write_file(self.folder / file, content)
@@ -296,6 +341,28 @@ def _is_own(manifest: Manifest) -> bool:
         return signature.verify(manifest.content, manifest.signature)
     except signature.NoKeyError:
         return False
+
+
+def _put_in_place(draft: Path, target: Path, aside: Path) -> None:
+    """Rename the draft to the target, and what is there to ``aside``; where that fails, all is as it was."""
+    try:
+        if target.exists():
+            target.rename(aside)
+        draft.rename(target)
+    except BaseException:
+        if aside.exists() and not target.exists():
+            aside.rename(target)
+        raise
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Remove what processes that were killed while they made a run have left beside its folder, which is locked."""
+    pattern = re.compile(rf"\.{re.escape(target.name)}\.\d+(\.old)?")
+    for path in target.parent.iterdir():
+        if pattern.fullmatch(path.name) and path.is_symlink():
+            path.unlink()
+        elif pattern.fullmatch(path.name):
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:

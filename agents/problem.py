@@ -109,7 +109,7 @@ def _scene_name(scene: Scene) -> str:
     """Name of the scene, whatever it says of target and resolution: a problem tells these apart."""
     if scene.name in scene_names() and _place(scene) == _place(load_scene(scene.name)):
         return scene.name
-    return f"{scene.name}-{_digest(_place(scene).encode())}"
+    return f"{scene.name[:60]}-{_digest(_place(scene).encode())}"
 
 
 def _place(scene: Scene) -> str:

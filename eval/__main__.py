@@ -1,9 +1,10 @@
 """`python -m eval COMMAND`: each command is the function `main` of `eval/COMMAND.py`."""
 
 import sys
+from functools import partial
 from importlib import import_module
 
-import tyro
+from agents.interruption import exit_at_once, interruptible, leave
 
 # Modules are imported when their command is run, so that none pays for the packages of another.
 COMMANDS = {
@@ -30,9 +31,14 @@ def main() -> int:
         print("usage: python -m eval COMMAND [--help]\n")
         print("\n".join(f"  {command:<{width}}  {summary}" for command, summary in COMMANDS.items()))
         return 0 if name in ("-h", "--help") else 2
-    command = import_module(f"eval.{name}").main
-    return tyro.cli(command, args=arguments, prog=f"python -m eval {name}") or 0
+
+    import tyro  # here, so that a Ctrl-C meanwhile ends in one line
+
+    program = f"python -m eval {name}"
+    command = partial(tyro.cli, import_module(f"eval.{name}").main, args=arguments, prog=program)
+    return interruptible(program, lambda: command() or 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    exit_at_once("python -m eval")
+    leave(main())

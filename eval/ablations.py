@@ -12,7 +12,7 @@ from agents.rollout import evaluation_env
 from eval.board import build, commands_of
 from eval.board_page import count_of, origin, standings_table
 from eval.discounts import DETOUR, Outlook, outlooks
-from eval.markdown import page, table
+from eval.markdown import page, table, text
 from eval.results import find_runs, read_results
 from irs_gym.files import write_file
 
@@ -94,7 +94,10 @@ def markdown(board: Mapping[str, Any], figures: Sequence[str], found: Sequence[O
     standings = [each for each in problem["standings"] if each["kind"] == "learned"]
     commands = "\n".join(f"    {each}" for each in board["commands"])
     introduction = INTRODUCTION.format(
-        problem=problem["label"], runs=len(board["runs"]), usual=standings[0]["name"], commands=commands
+        problem=text(problem["label"]),
+        runs=len(board["runs"]),
+        usual=text(standings[0]["name"]),
+        commands=commands,
     )
     return page(
         introduction,
@@ -121,7 +124,7 @@ def _worth(standings: Sequence[Mapping[str, Any]]) -> str:
         found = each["estimates"]
         steps = found["steps_to_optimum"]["value"] if found else None
         times = "never in half of the seeds" if steps is None or default is None else f"{steps / default:.2f}"
-        rows.append((each["name"], times, count_of(each, "at_optimum") if found else "0 of 0"))
+        rows.append((text(each["name"]), times, count_of(each, "at_optimum") if found else "0 of 0"))
     return table(("variant", "times the default's steps", "seeds at the optimum"), rows)
 
 

@@ -18,6 +18,7 @@ from agents.rollout import Episode, evaluation_env
 from eval import statistics
 from eval.board_page import markdown
 from eval.learning_curves import draw_curves
+from eval.markdown import printable
 from eval.overlay import draw_paths
 from eval.report import html
 from eval.results import Group, LeftOut, Result, find_runs, read_results
@@ -76,7 +77,7 @@ def main(
 
 def commands_of(name: str, trained_by: str | None) -> list[str]:
     """The commands that made a page: the one that trained, where it is known, and this call of `python -m eval`."""
-    own = shlex.join(["python", "-m", "eval", name, *sys.argv[2:]])
+    own = printable(shlex.join(["python", "-m", "eval", name, *sys.argv[2:]]))
     return [trained_by, own] if trained_by else [own]
 
 
@@ -172,7 +173,7 @@ def _problem_record(
 def _run_record(result: Result, name: str) -> dict[str, Any]:
     episode, curve = result.episode, result.curve
     return {
-        "folder": str(result.run.folder),
+        "folder": printable(str(result.run.folder)),
         "problem": result.problem.label,
         "policy": name,
         "seed": result.seed,

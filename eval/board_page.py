@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from eval.markdown import page, table
+from eval.markdown import code, page, table, text
 
 INTRODUCTION = """# Scoreboard
 
@@ -61,7 +61,8 @@ def runs_table(board: Mapping[str, Any]) -> str:
     heads = ("folder", "problem", "policy", "seed", "ended", "metres", "ratio", "SPL", "soft-SPL", "refused",
              "steps to the optimum", "seconds to the optimum", "steps", "seconds")  # fmt: skip
     rows = [
-        (f"`{each['folder']}`", each["problem"], each["policy"], each["seed"], each["status"].replace("_", " "),
+        (code(each["folder"]), text(each["problem"]), text(each["policy"]), each["seed"],
+         each["status"].replace("_", " "),
          f"{each['distance']:.3f}", _number(each["ratio"], 3) if each["is_success"] else "failure",
          _number(each["spl"], 3), _number(each["soft_spl"], 3), each["refused"], _count(each["steps_to_optimum"]),
          _number(each["seconds_to_optimum"], 0), _count(each["steps"]), _number(each["seconds"], 0))
@@ -75,8 +76,8 @@ def _glance(board: Mapping[str, Any]) -> str:
     names, rows = list(board["settings"]), []
     for problem in board["problems"]:
         found = {row["name"]: row for row in problem["standings"] if row["kind"] == "learned"}
-        rows.append((problem["label"], *(_glimpse(found.get(name)) for name in names)))
-    return "Seeds at the optimum, and median time to it.\n\n" + table(("problem", *names), rows)
+        rows.append((text(problem["label"]), *(_glimpse(found.get(name)) for name in names)))
+    return "Seeds at the optimum, and median time to it.\n\n" + table(("problem", *map(text, names)), rows)
 
 
 def _glimpse(row: Mapping[str, Any] | None) -> str:
@@ -91,7 +92,7 @@ def _overall(board: Mapping[str, Any]) -> str:
              "soft-SPL IQM", "soft-SPL gap")  # fmt: skip
     keys = [f"{score}_{aggregate}" for score in ("spl", "soft_spl") for aggregate in ("mean", "iqm", "gap")]
     rows = [
-        (each["name"], f"{each['problems']} of {each['of']}", len(each["seeds"]),
+        (text(each["name"]), f"{each['problems']} of {each['of']}", len(each["seeds"]),
          f"{each['at_optimum']['runs']} of {each['at_optimum']['of']}", *(_cell(each[key], 3) for key in keys))
         for each in board["overall"]
     ]  # fmt: skip
@@ -102,7 +103,7 @@ def _problem(problem: Mapping[str, Any], figures: str) -> str:
     standings = standings_table(problem["standings"])
     pictures = [f"![{_caption(name)}]({figures}/{name})\n\n*{_caption(name)}.*" for name in problem["figures"]]
     distance = f"The oracle needs {problem['oracle_distance']:.3f} m."
-    return "\n\n".join([f"## {problem['label']}", distance, standings, *pictures])
+    return "\n\n".join([f"## {text(problem['label'])}", distance, standings, *pictures])
 
 
 def standings_table(standings: Sequence[Mapping[str, Any]]) -> str:
@@ -113,14 +114,14 @@ def standings_table(standings: Sequence[Mapping[str, Any]]) -> str:
 def _row(standing: Mapping[str, Any]) -> tuple[str, ...]:
     found, seeds = standing["estimates"], len(standing["seeds"])
     if not found:
-        return standing["name"], f"0{_missing(standing)}", *("–" for _ in HEADS[2:])
+        return text(standing["name"]), f"0{_missing(standing)}", *("–" for _ in HEADS[2:])
     count = f"{seeds}{_missing(standing)}" if standing["kind"] == "learned" else f"{seeds} played" if seeds > 1 else ""
     cells = [_cell(found[key], digits) for key, digits in (("ratio", 3), ("spl_mean", 3), ("soft_spl_mean", 3))]
     shares = [_share(standing, key) for key in ("at_optimum", "success")]
     clocks = ["", ""]
     if standing["kind"] == "learned":
         clocks = [_cell(found["steps_to_optimum"], None), _cell(found["seconds_to_optimum"], 0)]
-    return standing["name"], count, *shares, *cells, _cell(found["refused"], 1), *clocks
+    return text(standing["name"]), count, *shares, *cells, _cell(found["refused"], 1), *clocks
 
 
 def _share(standing: Mapping[str, Any], key: str) -> str:
@@ -169,13 +170,13 @@ def _missing(standing: Mapping[str, Any]) -> str:
 
 
 def _caption(name: str) -> str:
-    return next(text for kind, text in CAPTIONS.items() if name.endswith(f"-{kind}.png"))
+    return next(said for kind, said in CAPTIONS.items() if name.endswith(f"-{kind}.png"))
 
 
 def _left_out(board: Mapping[str, Any]) -> str:
     if not board["left_out"]:
         return "## Runs left out\n\nNone: every run below the folder is on the board."
-    rows = [(f"`{each['folder']}`", each["problem"] or "", each["policy"] or "", each["reason"].replace("|", "\\|"))
+    rows = [(code(each["folder"]), *(text(each[name] or "") for name in ("problem", "policy", "reason")))
             for each in board["left_out"]]  # fmt: skip
     return "## Runs left out\n\n" + table(("folder", "problem", "policy", "why"), rows)
 
@@ -184,9 +185,9 @@ def origin(board: Mapping[str, Any]) -> str:
     """Commits and versions that the runs were trained and scored with."""
 
     def listed(versions: Mapping[str, str]) -> str:
-        return ", ".join(f"{name} {version}" for name, version in versions.items())
+        return ", ".join(f"{text(name)} {text(version)}" for name, version in versions.items())
 
-    commits: Sequence[str] = [each or "unknown" for each in board["trained_from"]]
+    commits: Sequence[str] = [text(each or "unknown") for each in board["trained_from"]]
     trained = "; ".join(listed(each) for each in board["trained_with"])
     return (
         f"## Where it comes from\n\nTrained from commit {', '.join(commits)} with {trained}. "

@@ -3,10 +3,12 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from io import BytesIO
+from math import inf
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,8 +19,9 @@ from rich.progress import track
 
 from agents.algorithms import LOCAL
 from agents.checkpoint import Run, RunError
+from agents.manifest import GeneralistEntry
 from agents.pool_rollout import Episodes
-from eval.results import COMPLETE, LeftOut, find_runs
+from eval.results import COMPLETE, SETTINGS_LENGTH, LeftOut, find_runs, read_curve
 from eval.unseen import Player, player_of, reference
 from irs_gym.files import write_file
 from irs_gym.generator import VERSION
@@ -87,28 +90,51 @@ def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
                 raise ValueError(f"{run.config.algorithm} learned in one scene: it belongs on the scoreboard")
             if run.manifest.status not in COMPLETE:
                 raise ValueError(f"has not ended: its status is {run.manifest.status!r}")
+            _check(run)
             runs.append(run)
-        except (OSError, ValueError) as error:
-            left_out.append(LeftOut(str(each), str(error)))
+        except Exception as error:
+            left_out.append(LeftOut.of(each, error))
     return runs, left_out
+
+
+def pace(run: Run) -> tuple[float, float]:
+    """Steps and seconds of a run's whole training; raises ``OSError``, or `RunError` where they cannot be read."""
+    last = read_curve(run)[-1]
+    try:
+        steps, seconds = float(last["steps"]), float(last["seconds"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise RunError(f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {error!r}") from None
+    if not (0 <= steps < inf and 0 < seconds < inf):
+        raise RunError(f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {steps} steps in {seconds} seconds")
+    return steps, seconds
 
 
 def enter(
     runs: Sequence[Run], pools: Mapping[Track, Mapping[str, Pool]], jobs: int = 1, title: str | None = None
-) -> list[Entrant]:
+) -> tuple[list[Entrant], list[LeftOut]]:
     """Play all runs on the sets of their tracks, so many at a time; what was played before is read from their folders.
 
     What is but a point of the curve over training scenes plays the test scenes alone. A progress bar is shown where it
-    has a title.
+    has a title. A run that cannot be played is left out, whatever it raises.
     """
     in_order = sorted(runs, key=lambda run: run.config.seed)
     groups: dict[tuple[str, str], list[tuple[Run, dict[str, Episodes]]]] = {}
+    left_out = []
     # PyTorch works outside of the interpreter's lock. Of its own threads one each is enough: more wait for each other.
-    with ThreadPoolExecutor(jobs, initializer=partial(torch.set_num_threads, 1)) as threads:
-        played = threads.map(lambda run: _play(run, pools[track_of(run.config.algorithm)]), in_order)
-        shown = track(played, title or "", total=len(runs), transient=True, disable=title is None)
-        for run, episodes in zip(in_order, shown, strict=True):
-            groups.setdefault((run.config.algorithm, _settings(run)), []).append((run, episodes))
+    threads = ThreadPoolExecutor(jobs, initializer=partial(torch.set_num_threads, 1))
+    try:
+        playing = [threads.submit(_play, run, pools[track_of(run.config.algorithm)]) for run in in_order]
+        shown = track(playing, title or "", transient=True, disable=title is None)
+        for run, played in zip(in_order, shown, strict=True):
+            try:
+                key = run.config.algorithm, _settings(run)
+                episodes = played.result()
+            except Exception as error:
+                left_out.append(LeftOut.of(run.folder, error))
+            else:
+                groups.setdefault(key, []).append((run, episodes))
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)  # a Ctrl-C does not wait for them
     entrants = []
     for (algorithm, settings), found in groups.items():
         others = [json.loads(other) for name, other in groups if name == algorithm]
@@ -123,7 +149,8 @@ def enter(
             )
         )
     order = list(TITLES)
-    return sorted(entrants, key=lambda each: (order.index(each.algorithm), each.name, each.scenes or 0))
+    entrants.sort(key=lambda each: (order.index(each.algorithm), each.name, each.scenes or 0))
+    return entrants, left_out
 
 
 def enter_reference(name: str, pools: Mapping[str, Pool], folder: Path) -> Entrant:
@@ -147,15 +174,32 @@ def kept(file: Path, pool: Pool, model: str, player: Player) -> Episodes:
     """Episodes from a file, if they are those of this model, generator and pool; else played, and written there."""
     names = json.dumps([VERSION, model, pool.names]).encode()
     key = sha256(names + pool.oracle_distance.tobytes()).hexdigest()
-    if file.exists():
-        with np.load(file, allow_pickle=False) as arrays:
-            if str(arrays["key"]) == key:
-                return Episodes(arrays["is_success"], arrays["distance"], pool.oracle_distance)
+    # It may be missing, or damaged in whatever way: then it is made anew.
+    with suppress(Exception), np.load(file, allow_pickle=False) as arrays:
+        if str(arrays["key"]) == key and _fits(arrays["is_success"], arrays["distance"], len(pool)):
+            return Episodes(arrays["is_success"], arrays["distance"], pool.oracle_distance)
     found, content = player.episodes(pool), BytesIO()
     np.savez_compressed(content, key=np.array(key), is_success=found.is_success, distance=found.distance)
     file.parent.mkdir(parents=True, exist_ok=True)
     write_file(file, content.getvalue())
     return found
+
+
+def _fits(is_success: NDArray[Any], distance: NDArray[Any], scenes: int) -> bool:
+    """Whether arrays can be results on so many scenes."""
+    is_whole = is_success.shape == distance.shape == (scenes,)
+    return is_whole and is_success.dtype == bool and distance.dtype == float and bool((distance >= 0).all())
+
+
+def _check(run: Run) -> None:
+    """Refuse a run over many scenes that cannot stand on a page."""
+    scenes = run.config.env.get("num_scenes")
+    if not isinstance(scenes, int) or scenes < 1:
+        raise RunError(f"num_scenes={scenes!r} in its config.json must be a positive integer")
+    if not isinstance(run.manifest.models.get("best"), GeneralistEntry):
+        raise RunError("its manifest lists no best model over many scenes")
+    _settings(run)
+    pace(run)
 
 
 def _play(run: Run, pools: Mapping[str, Pool]) -> dict[str, Episodes]:
@@ -174,7 +218,10 @@ def _play(run: Run, pools: Mapping[str, Pool]) -> dict[str, Episodes]:
 def _settings(run: Run) -> str:
     """All that runs of one entrant have in common; of weights to begin with that is whose they are."""
     agent = {**run.config.agent, "weights": _maker(run.config.agent.get("weights"))}
-    return json.dumps({"agent": agent, "env": run.config.env}, sort_keys=True)
+    settings = json.dumps({"agent": agent, "env": run.config.env}, sort_keys=True, allow_nan=False)
+    if len(settings) > SETTINGS_LENGTH:
+        raise RunError(f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read")
+    return settings
 
 
 def _maker(weights: str | None) -> str | None:

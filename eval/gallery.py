@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agents.rollout import Episode
 from eval.overlay import BROAD, RIM, draw_ends, draw_map
-from eval.pictures import add_legend, as_png
+from eval.pictures import add_legend, as_png, literal
 from irs_gym.task import World
 
 COLUMNS = 4
@@ -47,7 +47,7 @@ def draw_gallery(sceneries: Sequence[Scenery]) -> bytes:
         draw_ends(place, each.world, size=6.0)
         ratio = each.episode.ratio
         result = "goal not reached" if ratio is None else f"{ratio:.3f} times the oracle's"
-        place.set_title(f"{each.policy}\n{each.scene}: {result}", fontsize="small")
+        place.set_title(f"{literal(each.policy)}\n{literal(each.scene)}: {result}", fontsize="small")
         place.set(xticks=[], yticks=[])
     for place in axes[len(sceneries) :]:
         place.set_visible(False)

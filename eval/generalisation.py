@@ -16,7 +16,7 @@ from agents.algorithms import observation_of
 from agents.pool_rollout import Episodes
 from agents.rollout import TOLERANCE, roll_out
 from eval.board import commands_of, origins
-from eval.entrants import Entrant, Track, enter, enter_reference, find_generalists
+from eval.entrants import Entrant, Track, enter, enter_reference, find_generalists, pace
 from eval.gallery import Scenery, choose, draw_gallery
 from eval.generalisation_page import draw_scenes_curve, markdown
 from eval.results import LeftOut
@@ -73,7 +73,11 @@ def main(
             raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
         torch.set_num_threads(1)  # of PyTorch in a run: more wait for each other
         pools = {track: pools_of(track, num_scenes, min(num_scenes, local_large_scenes)) for track in ("map", "local")}
-        entrants = enter(runs, pools, jobs, "playing")
+        entrants, damaged = enter(runs, pools, jobs, "playing")
+        left_out += damaged
+        if not entrants:
+            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
+            raise ValueError(f"no run over many scenes below {str(folder)!r} can be played{reasons}")
         entrants += [enter_reference(name, pools["local"], folder / "references") for name in REFERENCES]
         record = record_of(entrants, left_out, pools)
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
@@ -89,7 +93,8 @@ def main(
         return 2
     for each in left_out:
         print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
-    print(f"{len(runs)} runs, {len(left_out)} left out; written: {out / 'generalisation.md'}")
+    played = sum(len(each.runs) for each in entrants)
+    print(f"{played} runs, {len(left_out)} left out; written: {out / 'generalisation.md'}")
     return 0
 
 
@@ -209,14 +214,7 @@ def _paper(entrant: Entrant, pool: Pool) -> list[dict[str, Any]]:
 
 def _pace(entrant: Entrant) -> dict[str, float | None]:
     """Medians over runs, tests included: seconds, and steps a second; in imitation of whole maps, scenes a second."""
-    rows = [_last_row(run.folder) for run in entrant.runs]
-    steps, seconds = (np.array([float(row[name]) for row in rows]) for name in ("steps", "seconds"))
-    return {
-        "steps_per_second": float(np.median(steps / seconds)) if rows else None,
-        "seconds": float(np.median(seconds)) if rows else None,
-    }
-
-
-def _last_row(folder: Path) -> dict[str, str]:
-    heads, *rows = (folder / "learning_curve.csv").read_text().splitlines()
-    return dict(zip(heads.split(","), rows[-1].split(","), strict=True))
+    if not entrant.runs:
+        return {"steps_per_second": None, "seconds": None}
+    steps, seconds = np.array([pace(run) for run in entrant.runs]).T
+    return {"steps_per_second": float(np.median(steps / seconds)), "seconds": float(np.median(seconds))}

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from eval.board_page import origin
 from eval.entrants import is_point
-from eval.markdown import page, table
+from eval.markdown import code, page, table, text
 from eval.pictures import as_png
 
 INTRODUCTION = """# Factories never seen
@@ -141,7 +141,7 @@ def _scores(entrants: Sequence[Mapping[str, Any]]) -> str:
     rows = []
     for each in entrants:
         whole, hard = each["sets"]["test"]["all"], each["sets"]["test"].get("hard")
-        row = [each["name"], _whole(each["training_scenes"]), len(each["seeds"]) or "", _cell(whole["success"]),
+        row = [text(each["name"]), _whole(each["training_scenes"]), len(each["seeds"]) or "", _cell(whole["success"]),
                _cell(whole["spl"]), _number(whole["ratio"]), f"{whole['exact']:.3f}",
                *([_cell(hard["success"]), _cell(hard["spl"])] if hard else ["–", "–"])]  # fmt: skip
         row += [_cell(whole.get("over_replanning"), sign="+")] if is_local else []
@@ -156,15 +156,14 @@ def _elsewhere(entrants: Sequence[Mapping[str, Any]], sets: Mapping[str, Any]) -
     is_local = any("over_replanning" in each["sets"]["test"]["all"] for each in entrants)
     rows = []
     for each in entrants:
-        row = [each["name"]]
+        row = [text(each["name"])]
         for name in names:
             found = each["sets"].get(name)
             if found is None:
                 row.append("–")
                 continue
             whole = found["all"]
-            text = f"{whole['success']['value']:.3f}, {_cell(whole['spl'])}"
-            row.append(text)
+            row.append(f"{whole['success']['value']:.3f}, {_cell(whole['spl'])}")
             if is_local:
                 row.append(_cell(whole.get("over_replanning"), sign="+"))
         rows.append(row)
@@ -176,7 +175,7 @@ def _paper(entrants: Sequence[Mapping[str, Any]]) -> str:
     targets = next(each["paper"] for each in entrants if each["paper"])
     heads = ["policy", *(f"{each['target_db']:g} dB" for each in targets)]
     rows = [
-        [each["name"], *(f"{at['exact']} of {at['of']}, {_number(at['ratio'])}" for at in each["paper"])]
+        [text(each["name"]), *(f"{at['exact']} of {at['of']}, {_number(at['ratio'])}" for at in each["paper"])]
         for each in entrants
         if each["paper"]
     ]
@@ -196,7 +195,7 @@ def _curve(entrants: Sequence[Mapping[str, Any]]) -> str:
 def _left_out(left_out: Sequence[Mapping[str, Any]]) -> str:
     if not left_out:
         return "## Runs left out\n\nNone: every run below the folder is on the page."
-    rows = [(f"`{each['folder']}`", each["reason"].replace("|", "\\|")) for each in left_out]
+    rows = [(code(each["folder"]), text(each["reason"])) for each in left_out]
     return "## Runs left out\n\n" + table(("folder", "why"), rows)
 
 

@@ -1,5 +1,9 @@
-"""`table`, `picture`, `Promise`: what the sections of a page are made of."""
+"""`table`, `picture`, `Promise`: what the sections of a page are made of; `text`, `code`: names from elsewhere in them.
 
+Names come from run folders and sweep files, which anybody may have written: on a page they are text, never markup.
+"""
+
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +16,25 @@ class Promise:
     text: str
     value: str
     is_met: bool
+
+
+def printable(name: str) -> str:
+    """The name on one line, with an escape in place of each character that cannot be seen or encoded."""
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in name)
+
+
+def text(name: str) -> str:
+    """The name as Markdown that shows it as it is, also in a cell of a table."""
+    shown = re.sub(r"([\\`*\[\]|~]|(?<![^\W_])_|_(?![^\W_]))", r"\\\1", printable(name))
+    return shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def code(name: str) -> str:
+    """The name as code in Markdown, also in a cell of a table."""
+    shown = printable(name).replace("|", "\\|")
+    longest = max(map(len, re.findall("`+", shown)), default=0)
+    fence = "`" * (longest + 1)
+    return f"{fence} {shown} {fence}" if longest else f"{fence}{shown}{fence}"
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

@@ -1,4 +1,4 @@
-"""`as_png`: a figure of matplotlib as a PNG, a small one where 256 colours do; and a legend below it that fits."""
+"""`as_png`: a figure of matplotlib as a PNG, small where 256 colours do; names in it, and a legend that fits."""
 
 from collections.abc import Sequence
 from io import BytesIO
@@ -7,6 +7,8 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from PIL import Image
+
+from eval.markdown import printable
 
 
 def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes:
@@ -21,8 +23,15 @@ def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes
     return content.getvalue()
 
 
+def literal(name: str) -> str:
+    """The name, or its first hundred characters, as matplotlib shows them as they are, and not as a formula."""
+    return printable(name if len(name) <= 100 else f"{name[:99]}…").replace("$", r"\$")
+
+
 def add_legend(figure: Figure, handles: Sequence[Artist]) -> None:
     """A legend below the figure, in as many columns as its width has room for, up to four."""
+    for each in handles:
+        each.set_label(literal(str(each.get_label())))
     lengths = [len(str(each.get_label())) + 7 for each in handles]  # in characters; seven for the line or mark
     room = figure.get_figwidth() * 14  # characters of small print
     widths = {n: sum(max(part, default=0) for part in np.array_split(lengths, n)) for n in (4, 3, 2, 1)}

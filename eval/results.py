@@ -17,8 +17,12 @@ from agents.checkpoint import Run, RunError
 from agents.manifest import Config
 from agents.problem import Problem, problem_of
 from agents.rollout import TOLERANCE, Episode, evaluation_env, roll_out
+from eval.markdown import printable
+from irs_gym.files import read_file
 
 COMPLETE = ("at_optimum", "finished")
+CURVE_BYTES = 2**26  # at most in learning_curve.csv
+SETTINGS_LENGTH = 20_000  # at most of a run's settings as JSON, in characters
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +90,10 @@ class Group:
         env = {name: value for name, value in config.env.items() if name not in fixed}
         parts = {"env": env, "agent": config.agent, "training": config.training}
         flat = {f"{part}.{name}": value for part, values in parts.items() for name, value in values.items()}
-        return cls(problem, config.algorithm, json.dumps(flat, sort_keys=True))
+        settings = json.dumps(flat, sort_keys=True, allow_nan=False)
+        if len(settings) > SETTINGS_LENGTH:
+            raise RunError(f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read")
+        return cls(problem, config.algorithm, settings)
 
     @property
     def values(self) -> dict[str, Any]:
@@ -102,6 +109,12 @@ class LeftOut:
     folder: str
     reason: str
     group: Group | None = None  # where its configuration can be read
+
+    @classmethod
+    def of(cls, folder: Path, error: Exception, group: Group | None = None) -> "LeftOut":
+        """A run that raised an error, whichever: a damaged one may raise any. The reason is one line."""
+        said = str(error) if isinstance(error, OSError | ValueError) else f"{type(error).__name__}: {error}"
+        return cls(printable(str(folder)), printable(" ".join(said.split())), group)
 
 
 def find_runs(folder: Path) -> list[Path]:
@@ -136,8 +149,8 @@ def read_results(folders: Iterable[Path], model: str = "best") -> tuple[list[Res
                 raise RunError(f"repeats seed {run.config.seed} of {same}")
             results.append(read_result(run, model))
             seen[group, run.config.seed] = folder
-        except (OSError, ValueError) as error:
-            left_out.append(LeftOut(str(folder), str(error), group))
+        except Exception as error:
+            left_out.append(LeftOut.of(folder, error, group))
     return results, left_out
 
 
@@ -164,18 +177,32 @@ def read_result(run: Run, model: str = "best") -> Result:
 
 
 def _read_curve(run: Run) -> Curve:
+    rows = read_curve(run)
     path = run.folder / "learning_curve.csv"
     try:
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
-        steps, seconds, spl, ratio = (
-            np.array([float(row[name] or inf) for row in rows]) for name in ("steps", "seconds", "spl", "ratio")
-        )
+        steps, seconds, spl = (np.array([float(row[name]) for row in rows]) for name in ("steps", "seconds", "spl"))
+        ratio = np.array([float(row["ratio"] or inf) for row in rows])
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{str(path)!r} is damaged: {error!r}") from None
+
+    are_clocks = all(
+        np.isfinite(each).all() and each[0] >= 0 and (np.diff(each) >= 0).all() for each in (steps, seconds)
+    )
+    if not are_clocks or not ((spl >= 0) & (spl <= 1)).all() or np.isnan(ratio).any():
+        raise RunError(f"{str(path)!r} is damaged: steps or seconds go back, or a score is out of its range")
+    return Curve(steps, seconds, spl, ratio <= 1.0 + TOLERANCE)
+
+
+def read_curve(run: Run) -> list[dict[str, str]]:
+    """Rows of a run's learning curve, one or more; raises ``OSError``, or `RunError` where they cannot be read."""
+    path = run.folder / "learning_curve.csv"
+    try:
+        rows = list(csv.DictReader(read_file(path, CURVE_BYTES).decode().splitlines()))
+    except (ValueError, csv.Error) as error:
+        raise RunError(f"{str(path)!r} is damaged: {error}") from None
     if not rows:
         raise RunError(f"{str(path)!r} holds no test")
-    return Curve(steps, seconds, spl, ratio <= 1.0 + TOLERANCE)
+    return rows
 
 
 def _is_close(ratio: float | None, told: float | None) -> bool:

@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 import platform
+import signal
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -173,7 +174,7 @@ def measure_all(sides: tuple[int, ...] = SIDES, report: Callable[[str], None] = 
             if (task, side) in LEFT_OUT:
                 continue
             context = multiprocessing.get_context("spawn")
-            with ProcessPoolExecutor(1, mp_context=context) as pool:
+            with ProcessPoolExecutor(1, context, signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
                 costs.append(pool.submit(measure, task, side).result())
             report(f"{task}, {side * side:,} cells: {costs[-1].seconds:.4g} s, {costs[-1].peak_mib:.0f} MiB")
     packages = {name: version(name) for name in ("numpy", "scipy", "networkx", "scikit-image")}

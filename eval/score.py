@@ -24,6 +24,7 @@ from agents.pool_rollout import play as play_pool
 from agents.pretrained import load_pretrained
 from agents.rollout import Episode, evaluation_env, roll_out
 from eval.overlay import draw_paths
+from eval.results import LeftOut
 from eval.unseen import REFERENCES as UNSEEN_REFERENCES
 from eval.unseen import Player, player_of, pools_of, reference, score_unseen, unseen_table, write_unseen
 from irs_gym.files import write_file
@@ -129,16 +130,22 @@ def main(
     if not runs or episodes < 1 or not split:
         print("python -m eval score: name one run folder or more, 1 episode or more, and a split", file=sys.stderr)
         return 2
+    left_out: list[LeftOut] = []
     try:
-        opened = [_open(each) for each in runs]
+        opened = _opened(runs, left_out)
         is_unseen = [
             isinstance(each, Player) or (each.is_generalist if env is None and scenes is None else env != "IrsNav-v0")
-            for each in opened
+            for each in opened.values()
         ]
-        if env == "IrsNav-v0" and any(isinstance(each, Player) for each in opened):
+        if env == "IrsNav-v0" and any(isinstance(each, Player) for each in opened.values()):
             raise ValueError("env='IrsNav-v0' plays run folders alone, with all reference policies beside them")
         pools = pools_of(split, num_scenes, scenes) if any(is_unseen) else {}
-        for each, unseen in zip(opened, is_unseen, strict=True):
+    except (OSError, ValueError) as error:
+        print(f"python -m eval score: {error}", file=sys.stderr)
+        return 2
+
+    for (name, each), unseen in zip(opened.items(), is_unseen, strict=True):
+        try:
             if isinstance(each, Player):
                 print(each.name)
                 Console().print(unseen_table(score_unseen(each, pools)))
@@ -146,10 +153,22 @@ def main(
                 score_generalist(each, model, pools)
             else:
                 score_run(each, model, episodes, seed)
-    except (OSError, ValueError) as error:
-        print(f"python -m eval score: {error}", file=sys.stderr)
-        return 2
-    return 0
+        except Exception as error:  # a damaged run may raise any, and keeps no other from being scored
+            left_out.append(LeftOut.of(Path(name), error))
+    for told in left_out:
+        print(f"python -m eval score: {told.folder}: {told.reason}", file=sys.stderr)
+    return 2 if left_out else 0
+
+
+def _opened(names: Sequence[str], left_out: list[LeftOut]) -> dict[str, Run | Player]:
+    """What can be opened of runs and players by their names; the others join those left out."""
+    opened = {}
+    for name in names:
+        try:
+            opened[name] = _open(name)
+        except Exception as error:
+            left_out.append(LeftOut.of(Path(name), error))
+    return opened
 
 
 def _open(name: str) -> Run | Player:

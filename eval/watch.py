@@ -58,8 +58,6 @@ def main(
             print(f"written: {gif}")
             return 0
         episode = show_in_window(found, fps) if human else show(found, fps)
-    except KeyboardInterrupt:
-        return 130
     except DependencyNotInstalled:
         print("python -m eval watch: the window needs pygame: pip install pygame-ce", file=sys.stderr)
         return 2

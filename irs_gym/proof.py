@@ -4,9 +4,22 @@
 against what is kept of them, and looks for scenes that are in two places, turned or mirrored ones included.
 """
 
+# ruff: noqa: E402  # a Ctrl-C during the imports is to end in one line as well
+import os
+import signal
+import sys
+
+
+def _end(number: int, frame: object) -> None:
+    os.write(2, b"python -m irs_gym.proof: interrupted\n")
+    os._exit(128 + number)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, _end)
+
 import argparse
 import json
-import sys
 from collections.abc import Iterable, Mapping
 from hashlib import sha256
 from pathlib import Path
@@ -93,4 +106,8 @@ def _read(texts: Iterable[bytes]) -> Iterable[Scene]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # now there may be something to clean up
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        _end(signal.SIGINT, None)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 from dataclasses import replace
 from math import inf
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from evaluating import call
+from markdown_it import MarkdownIt
 from PIL import Image
 
 from agents.checkpoint import Run
@@ -21,6 +23,7 @@ from agents.vec_env import IrsNavVecEnv
 from eval import board, results
 from eval.board_page import markdown
 from eval.learning_curves import align
+from eval.markdown import code, text
 from eval.results import Curve, find_runs, read_results
 from eval.standings import group_names, overall
 from irs_gym import RadioMap
@@ -309,3 +312,108 @@ def test_the_committed_scoreboard_is_the_page_of_its_board_and_marks_all_that_is
                 values = spl[problem["label"], standing["name"]]
                 is_marked = standing["estimates"]["spl_mean"]["note"] == "all seeds equal"
                 assert is_marked == (max(values) - min(values) < 1e-9)
+
+
+DAMAGE = {
+    "curve is no text": lambda run: (run.folder / "learning_curve.csv").write_bytes(b"\xff\xfe\x00"),
+    "curve has NaN": lambda run: spoil(run, "learning_curve.csv", "20.0", "nan"),
+    "curve goes back": lambda run: spoil(run, "learning_curve.csv", "300", "150"),
+    "curve has a score above 1": lambda run: spoil(run, "learning_curve.csv", ",1.0\n", ",1e300\n"),
+    "curve has too many columns": lambda run: spoil(run, "learning_curve.csv", ",1.0\n", ",1.0,2,3\n" * 2),
+    "curve is a pipe": lambda run: replace_by(os.mkfifo, run.folder / "learning_curve.csv"),
+    "manifest is a folder": lambda run: replace_by(os.mkdir, run.folder / "manifest.json"),
+    "manifest is enormous": lambda run: os.truncate(run.folder / "manifest.json", 10**11),
+    "manifest is deep": lambda run: (run.folder / "manifest.json").write_text("[" * 100_000),
+    "manifest lists a generalist": lambda run: spoil(run, "manifest.json", '"ratio": 1.0', '"spl": 1.0'),
+    "config has NaN": lambda run: spoil(run, "config.json", '"agent": {', '"agent": {"gamma": NaN'),
+    "config is endless": lambda run: spoil(run, "config.json", '"agent": {', '"agent": {"x": "' + "y" * 10**6 + '"'),
+    "config is of a generalist": lambda run: spoil(run, "config.json", '"ppo"', '"planner"'),
+}  # fmt: skip
+
+
+def replace_by(make, path: Path) -> None:
+    path.unlink()
+    make(path)
+
+
+def spoil(run: Run, name: str, old: str, new: str) -> None:
+    before = (run.folder / name).read_text()
+    assert old in before
+    (run.folder / name).write_text(before.replace(old, new, 1))
+
+
+def test_no_damaged_run_takes_the_board_with_it(monkeypatch, capsys, tmp_path, make_run):
+    whole = make_run("optimal", 0)
+    damaged = {kind: make_run("optimal", seed) for seed, kind in enumerate(DAMAGE, start=1)}
+    for kind, run in damaged.items():
+        DAMAGE[kind](run)
+    found = board_of(monkeypatch, tmp_path / "runs")
+    told = {each["folder"]: each["reason"] for each in found["left_out"]}
+    assert {kind: str(run.folder) in told for kind, run in damaged.items()} == dict.fromkeys(DAMAGE, True)
+    assert [each["folder"] for each in found["runs"]] == [str(whole.folder)]
+    assert capsys.readouterr().err.count("\n") == len(DAMAGE)
+
+
+@pytest.mark.parametrize(
+    "error", [RecursionError, MemoryError, KeyError("x"), UnicodeDecodeError("utf-8", b"", 0, 1, "")]
+)
+def test_run_is_left_out_whatever_it_raises(monkeypatch, make_run, error):
+    runs = [make_run("optimal", seed) for seed in range(2)]
+    load = Run.load_model
+
+    def load_model(run, name="best"):
+        if run.folder == runs[0].folder:
+            raise error
+        return load(run, name)
+
+    monkeypatch.setattr(Run, "load_model", load_model)
+    found, left_out = read_results([run.folder for run in runs])
+    assert [each.run.folder for each in found] == [runs[1].folder]
+    assert left_out[0].reason
+    assert "\n" not in left_out[0].reason
+
+
+def test_one_damaged_run_keeps_no_other_from_being_scored(monkeypatch, capsys, make_run):
+    runs = [make_run("optimal", seed) for seed in range(3)]
+    spoil(runs[1], "config.json", "{", "[")
+    assert call(monkeypatch, "score", *(run.folder for run in runs)) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"python -m eval score: {runs[1].folder}: ")
+    assert said.count("\n") == 1
+    assert [(run.folder / "scores.json").exists() for run in runs] == [True, False, True]
+
+
+NAMES = [
+    "<script>alert(1)</script>", "<img src=x onerror=alert(1)>", "a|b", "a\nb", "[x](javascript:alert(1))", "`x`|`",
+    "![x](http://a.b/c)", "&lt;b&gt;", "**x** _y_ ~~z~~", "\\", "a\\|b", "\u202eabc", "$\\frac$", "\udcff", "```\nx",
+]  # fmt: skip
+
+
+def test_names_of_strangers_are_text_on_the_page_and_nothing_else(monkeypatch, tmp_path, make_run):
+    make_run("optimal", 0)
+    for seed in range(3):
+        make_run("optimal", seed, **{f"key{name}": name for name in NAMES[seed:-2:3]})
+    evil = tmp_path / "runs" / "optimal-<b>x<|`$(y)\n[z](javascript:q)"
+    make_run("optimal", 99).folder.rename(evil)
+    make_run("optimal", 50, status="failed").update(error="<script>|\n<b>")
+    assert call(monkeypatch, "board", tmp_path / "runs", "--episodes", 1) == 0
+    page = re.sub('"data:[^"]*"', '"#"', (tmp_path / "runs/report.html").read_text())
+    known = "html head meta title link style body nav a div table thead tbody tr th td h1 h2 p pre code em br sub img"
+    assert set(re.findall(r"<(\w+)", page)) <= set(known.split(" "))
+    assert not re.findall(r'(?:href|src)="(?!#)', page)
+    rows = [line for line in (tmp_path / "runs/scoreboard.md").read_text().splitlines() if line.startswith("| PPO")]
+    assert len(rows) == 2 * 4  # over all problems, and on the one
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("form", [text, code])
+def test_any_name_is_one_cell_that_shows_it(name, form):
+    page = f"| a | b |\n|---|---|\n| {form(name)} | end |"
+    page.encode()
+    shown = MarkdownIt("commonmark").enable("table").render(page)
+    cells = re.findall("<td>(.*?)</td>", shown, re.DOTALL)
+    assert cells[1] == "end"
+    inner = cells[0].removeprefix("<code>").removesuffix("</code>")
+    assert not re.search("[<>]", inner)
+    plain = inner.replace("&lt;", "<").replace("&gt;", ">").replace("&quot;", '"').replace("&amp;", "&")
+    assert plain == "".join(each if each.isprintable() else ascii(each)[1:-1] for each in name)

@@ -1,6 +1,10 @@
 """Facts of the run folder: what it keeps, what it refuses to load, and what a crash leaves behind."""
 
+import errno
 import json
+import os
+import subprocess
+import sys
 from dataclasses import asdict, replace
 from hashlib import sha256
 from pathlib import Path
@@ -9,7 +13,7 @@ import numpy as np
 import pytest
 
 from agents import checkpoint
-from agents.checkpoint import Run, RunError
+from agents.checkpoint import LockedError, Run, RunError
 from agents.manifest import Config
 from agents.ppo import PpoConfig
 from agents.rollout import arguments_of
@@ -18,6 +22,7 @@ from irs_gym import RadioMap, load_scene
 from irs_gym.files import write_file
 from irs_gym.task import Task
 
+ROOT = Path(__file__).resolve().parents[1]
 TASK = Task(observation="flat", patch_radius=1, irs_phases=False)
 TINY = PpoConfig(n_envs=2, n_steps=4, batch_size=8, net_arch=(4,))
 
@@ -257,3 +262,131 @@ def test_own_scene_and_map_are_kept_with_the_run(tmp_path):
 def test_learning_curve_leaves_out_what_is_not_known(run):
     run.write_curve([{"steps": 8, "ratio": None}, {"steps": 16, "ratio": 1.0}])
     assert (run.folder / "learning_curve.csv").read_text() == "steps,ratio\n8,\n16,1.0\n"
+
+
+def test_live_run_is_not_replaced_by_whatever_name(run, tmp_path):
+    (tmp_path / "link").symlink_to(run.folder)
+    with run.locked():
+        assert (tmp_path / ".run.lock").is_file()
+        with pytest.raises(LockedError, match="run' is being trained by another process"):
+            Run.create(run.folder, config(), overwrite=True)
+        with pytest.raises(LockedError, match="link' is being trained"), Run(tmp_path / "link").locked():
+            pass
+    Run.create(run.folder, config(), overwrite=True)
+    assert not (tmp_path / ".run.lock").exists()
+
+
+def test_folder_beside_a_locked_one_is_not_looked_at_before_it_is_free(tmp_path):
+    with Run(tmp_path / "new").locked(), pytest.raises(LockedError):
+        Run.create(tmp_path / "new", config())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["link", "current", "above", "below a file", "lock"])
+def test_folder_that_cannot_hold_a_run_is_refused_by_name(tmp_path, monkeypatch, kind):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / ".locked.lock").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    folder, message = {
+        "link": (tmp_path / "link", "link' is a symbolic link: name the folder that it leads to"),
+        "current": (Path(), r"'\.' holds the folder that this program runs in"),
+        "above": (Path(".."), r"'\.\.' holds the folder that this program runs in"),
+        "below a file": (tmp_path / "file/run", "run' cannot be locked: .*file'"),
+        "lock": (tmp_path / "locked", r"locked' cannot be locked: .*\.locked\.lock'"),
+    }[kind]
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(RunError, match=message) as raised:
+        Run.create(folder, config(), overwrite=True)
+    assert "\n" not in str(raised.value)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("number", [errno.EBUSY, errno.EROFS])
+def test_folder_that_cannot_be_moved_stays_as_it_is(run, monkeypatch, number):
+    """A mount point, say."""
+    rename, before = Path.rename, (run.folder / "manifest.json").read_bytes()
+
+    def refuse(path, target):
+        if run.folder in (path, Path(target)):
+            raise OSError(number, os.strerror(number), str(run.folder))
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", refuse)
+    with pytest.raises(RunError, match=f"run' cannot be made: .*{os.strerror(number)}: '.*run'"):
+        Run.create(run.folder, config(), overwrite=True)
+    assert (run.folder / "manifest.json").read_bytes() == before
+    assert [each.name for each in run.folder.parent.iterdir()] == ["run"]
+
+
+def test_old_run_comes_back_where_the_new_one_cannot_take_its_place(run, monkeypatch):
+    rename = Path.rename
+
+    def refuse(path, target):
+        if "manifest.json" in os.listdir(path) and path.name == f".run.{os.getpid()}":
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", refuse)
+    (run.folder / "scores.json").write_text("old")
+    with pytest.raises(RunError, match="cannot be made"):
+        Run.create(run.folder, config(), overwrite=True)
+    assert (run.folder / "scores.json").read_text() == "old"
+
+
+def test_only_what_dead_processes_left_is_removed(tmp_path):
+    for name in (".run.123", ".run.123.old", ".run.12x", ".other.123", "run.123"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "config.json").write_text("{}")
+    Run.create(tmp_path / "run", config())
+    assert sorted(each.name for each in tmp_path.iterdir()) == [".other.123", ".run.12x", "run", "run.123"]
+
+
+# Each time in a child of its own, which dies before its first, second ... change to a file, as by SIGKILL.
+REPLACE = """
+import os, sys
+from pathlib import Path
+from agents import provenance
+from agents.checkpoint import Run
+from agents.manifest import Config
+
+provenance.commit = lambda: None
+os.fsync = lambda _: None
+folder, changes = Path(sys.argv[1]), ("os.mkdir", "os.remove", "os.rename", "os.rmdir")
+
+def create(seed, last=None):
+    child = os.fork()
+    if child:
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if last is not None:
+        left = [last]
+        def count(event, arguments):
+            if event in changes or (event == "open" and arguments[1] in ("wb", "xb")):
+                left[0] -= 1
+                if left[0] < 0:
+                    os._exit(9)
+        sys.addaudithook(count)
+    Run.create(folder, Config(algorithm="ppo", seed=seed, env={}, agent={}, training={}), overwrite=True)
+    os._exit(0)
+
+kills, status = 0, 9
+assert create(0) == 0
+while status == 9:
+    status = create(1, kills)
+    kills += 1
+    if folder.exists():
+        assert Run.open(folder).config.seed in (0, 1)
+    assert create(0) == 0, kills
+    assert Run.open(folder).config.seed == 0
+    assert os.listdir(folder.parent) == [folder.name]
+assert (status, kills > 8) == (0, True), kills
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork there")
+def test_replacing_a_run_works_again_after_a_kill_at_any_change_of_a_file(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", REPLACE, tmp_path / "run"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

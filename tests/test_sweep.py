@@ -1,5 +1,6 @@
 """Facts of sweeps: what they train, what they refuse, and that no run is lost to a failure or to a kill."""
 
+import signal
 import subprocess
 import sys
 import time
@@ -12,7 +13,7 @@ import ray
 from tiny import TINY, call, curve, numbers
 
 from agents.algorithms import GENERALISTS
-from agents.checkpoint import Run
+from agents.checkpoint import LockedError, Run
 from irs_gym.task import build_world
 from train import resume
 from train.config import DEFAULTS, parse, record_of
@@ -137,6 +138,12 @@ def test_each_ablation_changes_one_thing():
         (("n_envs = 4", "n_steps = 4"), r"settings.short.agent \(q_learning\): unknown name n_steps"),
         (("eval_every = 64", "eval_every = 0"), "settings.short.training: eval_every=0"),
         (("seeds = 2", "seeds = "), "Invalid value"),
+        (
+            ("seeds = 2", "seeds = 1000000000"),
+            "seeds=1000000000 make 1,000,000,000 runs, and a sweep has at most 100,000",
+        ),
+        (("seeds = 2", f"seeds = {'[' * 10_000}"), "sweep.toml: "),
+        (("seeds = 2", "#" * 2**20), "sweep.toml' holds .* bytes, and at most 1,048,576 are read"),
     ],
 )
 def test_bad_sweep_is_refused_by_name_before_any_work(capsys, tmp_path, change, message):
@@ -233,6 +240,68 @@ def test_failed_run_is_tried_again_then_kept_as_failed_then_tried_by_the_next_sw
     assert len(Sweep(Plan.load(write(tmp_path, seeds=1)), retries=1).waiting) == 1
 
 
+@pytest.mark.parametrize("retries", [0, 1])
+def test_run_of_another_process_is_left_to_it(tmp_path, monkeypatch, retries):
+    runs = Sweep(Plan.load(write(tmp_path, seeds=1)), retries)
+    (folder,) = runs.states
+    config = runs.waiting.pop()
+    Run.create(folder, record_of(config))
+
+    def busy(_):
+        raise ray.exceptions.RayTaskError("_train", "", LockedError("it is being trained")).as_instanceof_cause()
+
+    monkeypatch.setattr(ray, "get", busy)
+    runs.running = {"task": config}
+    assert "another process is training it" in runs._end("task")
+    assert list(runs.states.values()) == ["elsewhere"]
+    assert (len(runs.waiting), Run.open(folder).manifest.status) == (0, "running")
+
+
+def test_failure_is_not_written_into_a_run_that_another_process_has_taken_over(tmp_path, monkeypatch):
+    def fail(_):
+        raise ray.exceptions.WorkerCrashedError
+
+    monkeypatch.setattr(ray, "get", fail)
+    runs = Sweep(Plan.load(write(tmp_path, seeds=1)), retries=0)
+    (folder,) = runs.states
+    config = runs.waiting.pop()
+    run = Run.create(folder, record_of(config))
+    for is_ended in (False, True):
+        runs.running = {"task": config}
+        if is_ended:
+            run.update(status="finished")
+            runs._end("task")
+        else:
+            with run.locked():
+                runs._end("task")
+        assert runs.states[folder] == ("ended" if is_ended else "elsewhere")
+        assert run.manifest.status == ("finished" if is_ended else "running")
+
+
+def test_sweep_leaves_a_run_to_who_trains_it_and_passes_a_signal_on_to_its_workers(tmp_path):
+    file = write(tmp_path, steps=10**7)
+    config, other = Plan.load(file).configs()
+    run = Run.create(other.out, record_of(other))
+    with run.locked():  # by another sweep, say
+        process = sweep(file, "--retries", "0")
+        wait_for_checkpoint(process, config.out)
+        process.send_signal(signal.SIGTERM)
+        said, _ = process.communicate(timeout=300)
+    assert process.returncode == 128 + signal.SIGTERM, said
+    assert "interrupted; the same command goes on" in said
+    assert "another process is training it" in " ".join(said.split())
+    assert Run.open(config.out).manifest.status == "interrupted"
+    assert run.manifest.status == "running"
+
+
+def wait_for_checkpoint(process: subprocess.Popen, folder: Path) -> None:
+    deadline = time.monotonic() + 120
+    while not (folder.exists() and Run.open(folder).manifest.checkpoints):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 def cut(words: list[object], folder: Path) -> None:
     """Train with seed 1 until the second checkpoint is written."""
     save = Run.save_checkpoint
@@ -252,11 +321,7 @@ def test_sweep_that_is_killed_goes_on(tmp_path):
     file = write(tmp_path, steps=6_400)
     process = sweep(file)
     folders = [tmp_path / f"runs/short/q_learning/seed{seed}" for seed in range(2)]
-    deadline = time.monotonic() + 120
-    while not (folders[0].exists() and Run.open(folders[0]).manifest.checkpoints):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+    wait_for_checkpoint(process, folders[0])
     process.kill()
     process.communicate(timeout=60)
     assert not all(folder.exists() and Run.open(folder).manifest.status in resume.ENDED for folder in folders)

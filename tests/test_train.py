@@ -1,21 +1,27 @@
 """Facts of training: its command line, what it refuses, that it learns, and that it can be repeated and interrupted."""
 
+import errno
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import fields
+from datetime import datetime
 from pathlib import Path
 from shlex import split
 
 import pytest
 from tiny import TINY, call, curve, open_floor
 
+from agents import checkpoint
 from agents.checkpoint import Run
 from agents.rollout import evaluation_env, roll_out
+from irs_gym.files import write_file
 from irs_gym.task import Task
-from train.config import DEFAULTS, parse
+from train import run as training
+from train.config import DEFAULTS, parse, record_of
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -134,3 +140,54 @@ def test_ctrl_c_saves_the_run_and_ends_without_a_traceback(tmp_path):
     assert run.manifest.models["last"].steps == int(curve(run.folder)[-1]["steps"])
     for name in ("best", "last"):
         run.load_model(name)
+
+
+def test_two_trainings_that_begin_in_one_second_get_two_folders(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    config = parse("q_learning", [])
+
+    class Noon(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return cls(2026, 11, 1, 12)
+
+    monkeypatch.setattr(training, "datetime", Noon)
+    with ExitStack() as locks:
+        names = [training._lock_new(config, locks).folder.name for _ in range(2)]
+        Run.create(tmp_path / "runs/q_learning-seed0-20261101-120000-3", record_of(config))
+        names.append(training._lock_new(config, locks).folder.name)
+    assert names == [f"q_learning-seed0-20261101-120000{suffix}" for suffix in ("", "-2", "-4")]
+
+
+@pytest.mark.parametrize("file", ["manifest.json", "learning_curve.csv", "checkpoint-96.pickle", "last-320.npz"])
+def test_full_disk_ends_a_training_in_a_line_and_the_run_says_how_it_stands(capsys, tmp_path, monkeypatch, file):
+    written = []
+
+    def write(path: Path, content: bytes) -> None:
+        written.append(path.name)
+        if path.name == file and written.count(file) == (3 if file == "manifest.json" else 1):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        write_file(path, content)
+
+    monkeypatch.setattr(checkpoint, "write_file", write)
+    words = ["q_learning", "--out", tmp_path / "run", *TINY["q_learning"], "--agent.total-timesteps", 320]
+    assert call(words) == 1
+    said = capsys.readouterr().err
+    assert said == f"python -m train q_learning: [Errno 28] No space left on device: '{tmp_path / 'run' / file}'\n"
+    manifest = Run.open(tmp_path / "run").manifest
+    assert (manifest.status, "No space left" in manifest.error) == ("failed", True)
+    monkeypatch.setattr(checkpoint, "write_file", write_file)
+    assert call(["q_learning", "--resume", tmp_path / "run", "--no-progress"]) == 0
+    assert Run.open(tmp_path / "run").manifest.status == "finished"
+
+
+@pytest.mark.parametrize("place", ["file/run", "link", "locked"])
+def test_place_where_no_run_can_be_is_refused_in_a_line(capsys, tmp_path, place):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / ".locked.lock").mkdir()
+    words = ["q_learning", *TINY["q_learning"], "--agent.total-timesteps", 64]
+    assert call([*words, "--out", tmp_path / place]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"python -m train q_learning: '{tmp_path / place}' ")
+    assert said.count("\n") == 1

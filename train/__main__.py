@@ -2,16 +2,17 @@
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 
-import tyro
+from agents.interruption import ALL, exit_at_once, interruptible
 
-from agents.algorithms import ALGORITHMS, GENERALISTS, Algorithm, Generalist
-from agents.checkpoint import RunError
-from train.config import parse
+# All else is imported in functions: a Ctrl-C meanwhile ends in one line, and help need not wait for PyTorch.
 
 
 def main() -> int:
     """Train the algorithm named first; its settings make the rest of the command line. Returns the exit status."""
+    from agents.algorithms import ALGORITHMS, GENERALISTS
+
     name, *arguments = sys.argv[1:] or ["--help"]
     if name == "sweep":
         return _sweep(arguments)
@@ -21,38 +22,48 @@ def main() -> int:
     return _train(name, arguments)
 
 
-def _train(algorithm: Algorithm | Generalist, arguments: Sequence[str]) -> int:
+def _train(algorithm: str, arguments: Sequence[str]) -> int:
+    from train.config import parse
+
     config, program = parse(algorithm, arguments), f"python -m train {algorithm}"
 
-    from train.run import check, train  # here, so that help and mistakes need not wait for PyTorch
+    from agents.checkpoint import RunError
+    from train.run import check, train
 
-    try:
-        check(config)
-    except (OSError, ValueError) as error:
-        print(f"{program}: {error}", file=sys.stderr)
-        return 2
-    try:
-        run, evaluation = train(config)
-    except RunError as error:
-        print(f"{program}: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:  # before the first step, or for the second time
-        print(f"{program}: ended at once", file=sys.stderr)
-        return 130
-    print(f"{run.folder}: {evaluation.summary}")
-    return 130 if evaluation.status == "interrupted" else 0
+    def train_and_tell() -> int:
+        try:
+            check(config)
+        except (OSError, ValueError) as error:
+            print(f"{program}: {error}", file=sys.stderr)
+            return 2
+        try:
+            run, evaluation = train(config)
+        except RunError as error:
+            print(f"{program}: {error}", file=sys.stderr)
+            return 2
+        except OSError as error:  # a full disk, say
+            print(f"{program}: {error}", file=sys.stderr)
+            return 1
+        print(f"{run.folder}: {evaluation.summary}")
+        return 128 + evaluation.signal if evaluation.is_interrupted else 0
+
+    return interruptible(program, train_and_tell, ALL)
 
 
 def _sweep(arguments: Sequence[str]) -> int:
+    import tyro
+
+    program = "python -m train sweep"
     try:
         from train.sweep import main as sweep
     except ModuleNotFoundError as error:
         if error.name != "ray":
             raise
-        print('python -m train sweep: Ray is missing: pip install -e ".[train,sweep]"', file=sys.stderr)
+        print(f'{program}: Ray is missing: pip install -e ".[train,sweep]"', file=sys.stderr)
         return 2
-    return tyro.cli(sweep, args=arguments, prog="python -m train sweep")
+    return interruptible(program, partial(tyro.cli, sweep, args=arguments, prog=program), ALL)
 
 
 if __name__ == "__main__":
+    exit_at_once("python -m train")
     sys.exit(main())

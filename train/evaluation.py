@@ -1,5 +1,6 @@
 """`Evaluation`: tests the agent during training, keeps its best state, and says when to stop."""
 
+import signal
 import time
 from typing import Any
 
@@ -29,9 +30,15 @@ class Evaluation(BaseCallback):
         self.latest: Episode | None = None
         self.held = 0
         self.is_interrupted = False
+        self.signal = int(signal.SIGINT)  # what has interrupted it
         self._is_over = False
         self._last = 0  # steps at the latest test
         self._seconds = 0.0  # of training before this process
+
+    def interrupt(self, number: int) -> None:
+        """End the training after the step in hand, because of that signal."""
+        self.is_interrupted = True
+        self.signal = number
 
     @property
     def is_at_optimum(self) -> bool:

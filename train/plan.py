@@ -12,10 +12,13 @@ from agents.algorithms import Trainable
 from agents.checkpoint import COPIES, Run
 from agents.manifest import Config
 from agents.rollout import arguments_of, evaluation_env
+from irs_gym.files import read_file
 from irs_gym.task import Task, checked_fields, task_of
 from train.config import GeneralistConfig, Scenes, TrainConfig, defaults_of, record_of
 from train.resume import ENDED
 
+MOST_BYTES = 2**20  # of a sweep file
+MOST_RUNS = 100_000
 Name = Annotated[str, StringConstraints(pattern=r"^\w[\w.+-]*$")]  # of a folder
 
 
@@ -61,12 +64,16 @@ class Plan(_Table):
             Where it is no such plan; the message names the entry.
         """
         try:
-            return cls.model_validate(tomllib.loads(file.read_text()))
+            plan = cls.model_validate(tomllib.loads(read_file(file, MOST_BYTES).decode()))
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             raise PlanError(f"{file}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise PlanError(f"{file}: {error}") from None
+        runs = plan.seeds * sum(1 for _ in plan.cells())
+        if runs > MOST_RUNS:
+            raise PlanError(f"{file}: seeds={plan.seeds} make {runs:,} runs, and a sweep has at most {MOST_RUNS:,}")
+        return plan
 
     def cells(self) -> Iterator[tuple[str, Trainable]]:
         """Each setting with each of its algorithms."""

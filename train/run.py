@@ -1,10 +1,7 @@
 """`train`: one training run, from its settings to its run folder."""
 
-import signal
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -15,7 +12,8 @@ from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from agents.algorithms import observation_of
-from agents.checkpoint import Run, RunError
+from agents.checkpoint import LockedError, Run, RunError
+from agents.interruption import noticed
 from agents.map_settings import MapAgentConfig
 from agents.rollout import arguments_of, evaluation_env
 from agents.vec_env import IrsNavVecEnv
@@ -45,20 +43,56 @@ def check(config: TrainConfig | GeneralistConfig) -> None:
         config.agent.build_network()
     elif isinstance(config, TrainConfig):
         evaluation_env(config.env).close()
-    Run(_folder(config)).check_vacant(overwrite=config.overwrite)
+    if config.out is not None:
+        Run(config.out).check_vacant(overwrite=config.overwrite)
 
 
 def train(config: TrainConfig | GeneralistConfig) -> tuple[Run, Evaluation]:
-    """Train as the settings say; returns the run folder and what was seen of the agent on the way."""
+    """Train as the settings say; returns the run folder and what was seen of the agent on the way.
+
+    Raises
+    ------
+    OSError
+        Where a file cannot be written; the run is then kept as failed, as it is by any other error.
+    RunError
+        Where the run folder is taken, is another process's, or cannot be made.
+    """
+    with ExitStack() as locks:
+        folder = config.resume or config.out
+        if folder is None:
+            run = _lock_new(config, locks)
+        else:
+            run = Run(folder)
+            locks.enter_context(run.locked())
+        return run, train_locked(run, config)
+
+
+def train_locked(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
+    """`train` for whoever holds the lock of the run's folder."""
     if config.resume is None:
-        run = Run.create(_folder(config), record_of(config), overwrite=config.overwrite)
+        run.begin(record_of(config), overwrite=config.overwrite)
         if run.manifest.signature is None:
             print(f"{run.folder}: no key of yours can be kept, so resuming it will ask for --trust", file=sys.stderr)
     else:
-        run = Run.open(config.resume)
+        run = Run.open(run.folder)
         config = replace(settings_of(run), progress=config.progress, trust=config.trust)
-    with run.locked():
-        return run, _train(run, config)
+
+    try:
+        return _train(run, config)
+    except RunError:  # it cannot be resumed, and stays as it is
+        raise
+    except KeyboardInterrupt:  # before the first step, or for the second time
+        _note(run, status="interrupted", error=None)
+        raise
+    except Exception as error:
+        _note(run, status="failed", error=f"{type(error).__name__}: {error}")
+        raise
+
+
+def _note(run: Run, **changes: Any) -> None:
+    """Change the manifest, if that is still possible."""
+    with suppress(OSError, ValueError):
+        run.update(**changes)
 
 
 def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
@@ -75,7 +109,7 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 
     callbacks = [evaluation, resume.Checkpoints(evaluation, config.checkpoint_every)]
     callbacks += [Progress()] if config.progress else []
-    with _interruptible(evaluation):
+    with noticed(evaluation.interrupt):
         steps = config.agent.total_timesteps - model.num_timesteps
         model.learn(steps, CallbackList(callbacks), reset_num_timesteps=is_new)
     evaluation.save("last")
@@ -125,24 +159,15 @@ def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:
     resume.check(run, trust=config.trust)
 
 
-def _folder(config: TrainConfig | GeneralistConfig) -> Path:
+def _lock_new(config: TrainConfig | GeneralistConfig, locks: ExitStack) -> Run:
+    """A new folder under runs/, named by algorithm, seed and time, and locked; a number follows where that is taken."""
     name = f"{config.agent.algorithm}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"
-    return config.out or Path("runs") / name
-
-
-@contextmanager
-def _interruptible(evaluation: Evaluation) -> Iterator[None]:
-    """Lets Ctrl-C end the training after the step in hand; a second one ends the program at once."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals reach the main thread only
-        return
-
-    def interrupt(number: int, frame: Any) -> None:
-        evaluation.is_interrupted = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    before = signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    number = 1
+    while True:
+        run = Run(Path("runs") / (name if number == 1 else f"{name}-{number}"))
+        with suppress(LockedError), ExitStack() as lock:
+            lock.enter_context(run.locked())
+            if not run.folder.exists():
+                locks.push(lock.pop_all())
+                return run
+        number += 1

@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import sys
 import time
 from collections import Counter, deque
@@ -17,14 +18,15 @@ from rich.table import Table
 from tyro.conf import Positional
 
 from agents.algorithms import GENERALISTS
-from agents.checkpoint import Run
+from agents.checkpoint import LockedError, Run
+from agents.interruption import Interruption, noticed
 from agents.provenance import ROOT
 from agents.rollout import TOLERANCE
 from irs_gym.files import write_file
 from train import resume
 from train.config import GeneralistConfig, TrainConfig, record_of
 from train.plan import Plan
-from train.run import train
+from train.run import train_locked
 
 
 def main(file: Positional[Path], jobs: int | None = None, retries: int = 1, trust: bool = False) -> int:
@@ -32,7 +34,9 @@ def main(file: Positional[Path], jobs: int | None = None, retries: int = 1, trus
 
     On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this checkout, the runs
     and, where IRS_GYM_KEY names one, a key file under the same paths. Started again, it leaves runs that have
-    ended as they are, goes on with those that were interrupted, and tries those that have failed once more.
+    ended as they are, goes on with those that were interrupted, and tries those that have failed once more. Runs that
+    another process is training are left to it.
+    Ctrl-C, SIGTERM and SIGHUP let the runs in hand write a checkpoint and end; a second time, all ends at once.
 
     Parameters
     ----------
@@ -57,14 +61,17 @@ def main(file: Positional[Path], jobs: int | None = None, retries: int = 1, trus
     sweep = Sweep(plan, retries, trust)
     try:
         sweep.run(jobs)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         print("python -m train sweep: interrupted; the same command goes on", file=sys.stderr)
-        return 130
+        return 128 + getattr(error, "number", signal.SIGINT)
     return 1 if "failed" in sweep.states.values() else 0
 
 
+_DONE = ("ended", "exact")
+
+
 class Sweep:
-    """The runs of a plan and how they stand: waiting, running, ended, exact or failed."""
+    """The runs of a plan and how they stand: waiting, running, ended, exact, failed, or elsewhere: another's."""
 
     def __init__(self, plan: Plan, retries: int, trust: bool = False) -> None:
         self.plan, self.retries, self.trust = plan, retries, trust
@@ -72,6 +79,7 @@ class Sweep:
         self.waiting: deque[TrainConfig | GeneralistConfig] = deque()
         self.running: dict[Any, TrainConfig | GeneralistConfig] = {}  # by Ray's name of the task
         self.failures: Counter[Path] = Counter()
+        self.signal: int | None = None  # that has interrupted it
         self.began, self.trained = time.monotonic(), 0
         for config in plan.configs():
             folder = _folder(config)
@@ -85,17 +93,35 @@ class Sweep:
         if not self.waiting:
             console.print(self.table())
             return
-        slots = _start_ray(jobs)
+        slots = _start_ray(None if jobs is None else min(jobs, len(self.waiting)))
         try:
-            with Live(get_renderable=self.table, console=console, refresh_per_second=1) as live:
-                while self.waiting or self.running:
-                    while self.waiting and len(self.running) < slots:
-                        self._begin(self.waiting.popleft())
-                    ended, _ = ray.wait(list(self.running), timeout=1.0)
-                    for task in ended:
-                        live.console.print(self._end(task), highlight=False, soft_wrap=True)
+            # Within noticed() alone, since Ray has begun to handle SIGTERM itself.
+            with (
+                noticed(self._interrupt),
+                Live(get_renderable=self.table, console=console, refresh_per_second=1) as live,
+            ):
+                self._run(slots, live.console)
         finally:
             ray.shutdown()
+        if self.signal is not None:
+            raise Interruption(self.signal)
+
+    def _run(self, slots: int, console: Console) -> None:
+        is_told = False
+        while self.running or (self.waiting and self.signal is None):
+            while self.waiting and self.signal is None and len(self.running) < slots:
+                self._begin(self.waiting.popleft())
+            if self.signal is not None and not is_told:
+                is_told = True
+                for task in self.running:
+                    ray.cancel(task)  # a Ctrl-C for the worker
+
+            ended, _ = ray.wait(list(self.running), timeout=1.0)
+            for task in ended:
+                console.print(self._end(task), highlight=False, soft_wrap=True)
+
+    def _interrupt(self, number: int) -> None:
+        self.signal = number
 
     def table(self) -> Table:
         """How many runs of each algorithm in each setting have ended, and found the optimum."""
@@ -110,7 +136,9 @@ class Sweep:
         counts = Counter(self.states[self.plan.folder(setting, algorithm, n)] for n in range(self.plan.seeds))
         said = [f"{counts['exact'] + counts['ended']}/{self.plan.seeds}"]
         said += [] if algorithm in GENERALISTS else [f"{counts['exact']} exact"]
-        return ", ".join(said + [f"{counts[state]} {state}" for state in ("running", "failed") if counts[state]])
+        return ", ".join(
+            said + [f"{counts[state]} {state}" for state in ("running", "failed", "elsewhere") if counts[state]]
+        )
 
     def _caption(self) -> str:
         counts = Counter(self.states.values())
@@ -133,38 +161,60 @@ class Sweep:
         try:
             said = ray.get(task)
         except ray.exceptions.RayError as error:
-            said = self._fail(config, error)
+            said, self.states[folder] = self._fail(config, error)
         else:
             self.trained += 1
-        self.states[folder] = _state(folder)
-        if self.states[folder] == "waiting":
+            self.states[folder] = _state(folder)
+        if self.states[folder] == "waiting" and self.signal is None:
             self.waiting.append(config)
         return f"{folder}: {said}"
 
-    def _fail(self, config: TrainConfig | GeneralistConfig, error: Exception) -> str:
+    def _fail(self, config: TrainConfig | GeneralistConfig, error: Exception) -> tuple[str, str]:
+        """What to say of a run that has failed, and how it stands."""
         folder, cause = _folder(config), getattr(error, "cause", error)
+        if isinstance(cause, LockedError):
+            return "another process is training it", "elsewhere"
+        if self.signal is not None:
+            return "interrupted", "waiting"
+
         reason = f"{type(cause).__name__}: {cause}"
         self.failures[folder] += 1
         if self.failures[folder] <= self.retries:
-            return f"failed, and is tried again: {reason}"
-        run = Run.open(folder) if folder.exists() else Run.create(folder, record_of(config))
-        traceback = re.sub(r"\x1b\[\d+m", "", str(error))  # which Ray colours
-        write_file(folder / "traceback.txt", traceback.encode())
-        run.update(status="failed", error=reason)
-        return f"failed: {reason}; see {folder / 'traceback.txt'}"
+            return f"failed, and is tried again: {reason}", "waiting"
+        try:
+            return self._keep_failed(config, error, reason)
+        except LockedError:
+            return "failed, and another process is training it", "elsewhere"
+        except (OSError, ValueError) as trouble:
+            return f"failed: {reason}; which cannot be written down: {trouble}", "failed"
+
+    def _keep_failed(self, config: TrainConfig | GeneralistConfig, error: Exception, reason: str) -> tuple[str, str]:
+        run = Run(_folder(config))
+        with run.locked():
+            if not run.folder.exists():
+                run.begin(record_of(config))
+            elif _state(run.folder) in _DONE:
+                return "another process has trained it", _state(run.folder)
+            traceback = re.sub(r"\x1b\[\d+m", "", str(error))  # which Ray colours
+            write_file(run.folder / "traceback.txt", traceback.encode())
+            run.update(status="failed", error=reason)
+        return f"failed: {reason}; see {run.folder / 'traceback.txt'}", "failed"
 
 
 @ray.remote(num_cpus=1, max_calls=1, max_retries=0)  # a process for each run, so that none depends on another
 def _train(config: TrainConfig | GeneralistConfig) -> str:
     """Train a run, or go on with it; begins anew where it cannot go on. Returns its result in a line."""
-    folder = _folder(config)
-    if folder.exists():
-        try:
-            resume.check(Run.open(folder), trust=config.trust)
-            return train(replace(config, resume=folder))[1].summary
-        except resume.CannotResumeError as error:
-            print(f"{error}: the run begins anew", file=sys.stderr)
-    return train(replace(config, overwrite=True))[1].summary
+    run = Run(_folder(config))
+    with run.locked():
+        if run.folder.exists():
+            if _state(run.folder) in _DONE:
+                return "another process has trained it"
+            try:
+                resume.check(Run.open(run.folder), trust=config.trust)
+                return train_locked(run, replace(config, resume=run.folder)).summary
+            except resume.CannotResumeError as error:
+                print(f"{error}: the run begins anew", file=sys.stderr)
+        return train_locked(run, replace(config, overwrite=True)).summary
 
 
 def _start_ray(jobs: int | None) -> int:

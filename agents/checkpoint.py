@@ -297,7 +297,7 @@ class Run:
     def _content(self, name: str) -> bytes:
         path = self.folder / name
         try:
-            return read_file(path, MOST_BYTES[path.suffix])
+            return read_file(path, MOST_BYTES.get(path.suffix, 0))
         except ValueError as error:
             raise RunError(str(error)) from None
         except OSError as error:

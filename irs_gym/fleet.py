@@ -142,7 +142,10 @@ class VectorEpisodes:
     def snapshot(self, i: int) -> tuple[Snapshot, list[Cell]]:
         """Where the episode of robot i stands, and its path so far."""
         world, goal = self.scene_and_goal(i)
-        path = self._history.path(i) if self._is_reset else [world.start]
+        path = self._history.path(i)
+        if not self._is_reset:  # as a single environment does: where the world's own episode would begin
+            goal = world.goal
+            path = [world.start]
         start, cell, end = np.ravel_multi_index(np.array([path[0], path[-1], goal]).T, world.feasible.shape).tolist()
         snapshot = Snapshot(
             rules=world.fingerprint,

@@ -19,7 +19,8 @@ class SingleEnvs:
     They are made on demand, and looked at only: to move one of them alone is refused.
     """
 
-    MOVES = ("reset", "step", "close", "set_state")
+    MOVES = ("reset", "step", "close", "set_state", "take_over")
+    ALIKE = ("metadata", "render_mode", "task")  # attributes that no episode changes
 
     def __init__(self, envs: VectorEnv[Any, Any, Any], make: Make, snapshot: Snapshots) -> None:
         """Environments that ``make`` makes, over the episodes of the robots of a vector."""
@@ -58,6 +59,7 @@ class SingleEnvs:
     def _answer(self, i: int, name: str, args: Any, kwargs: Any) -> Any:
         env: Any = self._make().unwrapped
         env.spec = self._envs.spec
-        env.take_over(*self._snapshot(i))
+        if name not in self.ALIKE:
+            env.take_over(*self._snapshot(i))
         value = getattr(env, name)
         return value(*args, **kwargs) if callable(value) else value

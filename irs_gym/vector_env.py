@@ -89,7 +89,9 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )
 
-        self._singles = SingleEnvs(self, partial(IrsNavEnv, infos=infos, **arguments), self._episodes.snapshot)
+        self._singles = SingleEnvs(
+            self, partial(IrsNavEnv, render_mode=render_mode, infos=infos, **arguments), self._episodes.snapshot
+        )
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
         self.action_space = batch_space(self.single_action_space, self.num_envs)

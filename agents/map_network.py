@@ -4,8 +4,6 @@ A file holds plain arrays and a line of JSON; nothing in it is unpickled.
 """
 
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping
 from importlib import import_module
 from io import BytesIO
@@ -17,6 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from agents.map_settings import NetworkName
+from irs_gym.files import read_arrays
 from irs_gym.observation import MARGIN_SCALE_DB
 from irs_gym.pool import Pool
 
@@ -27,6 +26,10 @@ _CLASSES: dict[NetworkName, tuple[str, str]] = {
     "vin": ("agents.vin", "ValueIterationNetwork"),
     "explorer": ("agents.explorer", "ExplorerNetwork"),
 }
+
+
+FILE_BYTES = 2**28  # of a network's file and of its weights
+_LARGEST_SETTING = 4096  # channels, rounds, passes
 
 
 class NetworkFileError(ValueError):
@@ -81,12 +84,37 @@ def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Mod
 def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Module]:
     """Name, settings and network in the content of a file; raises `NetworkFileError` where it is none."""
     try:
-        with np.load(BytesIO(content), allow_pickle=False) as arrays:
-            header = json.loads(str(arrays["header"]))
-            weights = {key.removeprefix("weight:"): arrays[key] for key in arrays.files if key != "header"}
+        arrays = read_arrays(content, limit=FILE_BYTES, needed=["header"])
+        header = json.loads(str(arrays.pop("header")))
+        weights = {key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()}
+        _check_sizes(header["settings"])
+        with torch.device("meta"):  # shapes alone: a network of other sizes takes no memory
+            _check_fit(build_network(header["network"], header["settings"]), weights)
         network = build_network(header["network"], header["settings"])
-        network.load_state_dict({key: torch.from_numpy(each) for key, each in weights.items()})
-    except (ValueError, KeyError, TypeError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        network.load_state_dict(weights)
+    except (ValueError, KeyError, TypeError, RecursionError, RuntimeError) as error:
         raise NetworkFileError(f"the file does not hold a network over maps: {error}") from None
     network.eval()
     return header["network"], header["settings"], network
+
+
+def _check_sizes(settings: Any) -> None:
+    """Refuse settings of which a network would grow without end."""
+    if not isinstance(settings, dict):
+        raise ValueError(f"settings={settings!r} must be an object")
+    for name, value in settings.items():
+        is_size = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= _LARGEST_SETTING
+        if not is_size and not isinstance(value, str):
+            raise ValueError(f"settings.{name}={value!r} must be a name or an integer from 1 to {_LARGEST_SETTING}")
+
+
+def _check_fit(network: nn.Module, weights: Mapping[str, Tensor]) -> None:
+    """Refuse weights that are not the network's own, all of them and finite."""
+    wanted = {name: (each.shape, each.dtype) for name, each in network.state_dict().items()}
+    found = {name: (each.shape, each.dtype) for name, each in weights.items()}
+    wrong = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
+    if wrong:
+        raise ValueError(f"its weights are not those of such a network: {', '.join(wrong[:3])}")
+    infinite = [name for name, each in weights.items() if each.is_floating_point() and not each.isfinite().all()]
+    if infinite:
+        raise ValueError(f"its weights are not finite: {', '.join(infinite[:3])}")

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from agents.algorithms import Algorithm
 from agents.settings import AgentConfig
 from agents.sight import decode
+from irs_gym.files import read_arrays
+from irs_gym.grid import as_cell
 
 if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback
@@ -122,10 +124,16 @@ class QLearning:
 
     @classmethod
     def load(cls, file: IO[bytes], **_: Any) -> QLearning:
-        """Table of such a file, for predictions; unlike a network's, it is read without unpickling."""
-        with np.load(file, allow_pickle=False) as arrays:
-            columns, rows = arrays["shape"].tolist()
-            return cls(arrays["table"], (columns, rows))
+        """Table of such a file, for predictions, read without unpickling; a ``ValueError`` says where it is damaged."""
+        arrays = read_arrays(file.read(), needed=("table", "shape"))
+        table, (columns, rows) = arrays["table"], as_cell(arrays["shape"].tolist(), "shape")
+        if min(columns, rows) < 1 or table.shape != (columns * rows, 8) or table.dtype != np.float64:
+            raise ValueError(
+                f"the table has the shape {table.shape} and the type {table.dtype}, on {columns, rows} cells"
+            )
+        if not np.isfinite(table).all():
+            raise ValueError("the table holds values that are not finite")
+        return cls(table, (columns, rows))
 
     def _step(self, env: VecEnv, cells: NDArray[np.int64]) -> None:
         """Move each robot once, and set the value of its move to the return that it has now seen."""

@@ -20,7 +20,7 @@ from agents.checkpoint import Run, RunError
 from agents.pool_rollout import Episodes
 from eval.results import COMPLETE, LeftOut, find_runs
 from eval.unseen import Player, player_of, reference
-from irs_gym.files import write_file
+from irs_gym.files import read_arrays, write_file
 from irs_gym.generator import VERSION
 from irs_gym.pool import Pool
 
@@ -147,15 +147,32 @@ def kept(file: Path, pool: Pool, model: str, player: Player) -> Episodes:
     """Episodes from a file, if they are those of this model, generator and pool; else played, and written there."""
     names = json.dumps([VERSION, model, pool.names]).encode()
     key = sha256(names + pool.oracle_distance.tobytes()).hexdigest()
-    if file.exists():
-        with np.load(file, allow_pickle=False) as arrays:
-            if str(arrays["key"]) == key:
-                return Episodes(arrays["is_success"], arrays["distance"], pool.oracle_distance)
+    kept_before = _read_episodes(file, key, pool)
+    if kept_before is not None:
+        return kept_before
     found, content = player.episodes(pool), BytesIO()
     np.savez_compressed(content, key=np.array(key), is_success=found.is_success, distance=found.distance)
     file.parent.mkdir(parents=True, exist_ok=True)
     write_file(file, content.getvalue())
     return found
+
+
+def _read_episodes(file: Path, key: str, pool: Pool) -> Episodes | None:
+    """Episodes from a file with that key; None where there is none, another's, or a damaged one."""
+    try:
+        arrays = read_arrays(file, needed=("key", "is_success", "distance"))
+    except (OSError, ValueError):
+        return None
+    is_success, distance = arrays["is_success"], arrays["distance"]
+    is_whole = is_success.shape == distance.shape == (len(pool),) and (is_success.dtype, distance.dtype) == (
+        bool,
+        float,
+    )
+    if not is_whole or not np.all((distance >= 0) & (distance < np.inf)) or np.any(is_success & (distance == 0)):
+        return None
+    if arrays["key"].tolist() != key:
+        return None
+    return Episodes(is_success, distance, pool.oracle_distance)
 
 
 def _play(run: Run, pools: Mapping[str, Pool]) -> dict[str, Episodes]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from irs_gym.dynamics import ACTIONS, ends, permissions, potential, reward, tabulate
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell
 from irs_gym.ground import Outcome, States
+from irs_gym.memory import freeze
 from irs_gym.observation import Packing, Rows, own_positions, scaled_margin, vectors_to_goal
 from irs_gym.random_task import Worlds
 
@@ -42,6 +43,7 @@ class Atlas:
     windows: NDArray[np.void] = field(init=False)  # (S * C,): all rows of cells as wide as a patch, a view
 
     def __post_init__(self) -> None:
+        freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
         # Rows overlap in memory: to gather whole rows is twice as fast as to gather their cells.
         row = np.dtype((np.void, 4 * self.packing.side))
         windows = np.ndarray(len(self.margin) - self.packing.side + 1, row, self.margin.data, strides=(4,))

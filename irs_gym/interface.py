@@ -10,10 +10,12 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, tabulate
-from irs_gym.grid import MOVE_NAMES, Cell
+from irs_gym.grid import MOVE_NAMES, Cell, as_cell
+from irs_gym.memory import check_memory
+from irs_gym.observation import Packing
 from irs_gym.oracle import descend
 from irs_gym.rendering import View, draw, text
-from irs_gym.task import World, as_cell
+from irs_gym.task import World
 from irs_gym.trail import Trail
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}
@@ -67,6 +69,17 @@ def checked_options(options: dict[str, Any] | None, more: str | None = None) -> 
     return {name: value if name == more else as_cell(value, name) for name, value in (options or {}).items()}
 
 
+def check_fleet(num_envs: int, max_episode_steps: int, packing: Packing) -> None:
+    """Refuse a vector environment whose observations and paths would take too much memory, before any is made."""
+    check_memory(
+        f"num_envs={num_envs}: state and observations of {packing.width} numbers", num_envs * (18 * packing.width + 500)
+    )
+    check_memory(
+        f"num_envs={num_envs}, max_episode_steps={max_episode_steps}: the paths of all robots",
+        4.0 * num_envs * (max_episode_steps + 1),
+    )
+
+
 def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
     """The autoreset mode of that name; a ``ValueError`` lists the known ones for an unknown one."""
     if isinstance(mode, AutoresetMode):
@@ -79,7 +92,7 @@ def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
 
 def checked_count(name: str, value: Any) -> int:
     """A positive integer; a ``ValueError`` names what is none."""
-    if not isinstance(value, int | np.integer) or value < 1:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{name}={value!r} must be a positive integer")
     return int(value)
 

@@ -12,6 +12,10 @@ from irs_gym.propagation import Link, link
 from irs_gym.scene import AccessPoint, IrsPanel, Scene
 from irs_gym.units import Floats, wavelength_m
 
+# Of the formulas in `geometry`, `propagation` and this module. Whoever changes a gain or a phase shift of any scene by
+# more than rounding raises it: maps that were cached before are then built anew.
+PHYSICS_VERSION = 1
+
 Complexes = NDArray[np.complex128]
 Quantiser = Literal["nearest", "as_printed", "optimal"]
 ArrayModel = Literal["far_field", "coherent", "spherical"]

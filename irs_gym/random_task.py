@@ -44,7 +44,7 @@ class RandomTask:
     """Reward at the goal, in metres."""
 
     def __post_init__(self) -> None:
-        assert self.common  # checks the fields of each scene's task
+        _ = self.common  # checks the fields of each scene's task
         if self.scenes is None:
             return
         given = [name for name in ("split", "num_scenes") if getattr(self, name) != getattr(RandomTask, name)]

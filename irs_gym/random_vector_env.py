@@ -15,7 +15,15 @@ from irs_gym.fleet import Fleet
 from irs_gym.grid import Cell
 from irs_gym.ground import RngOf, States
 from irs_gym.infos import TOLD, Step, Told, everywhere
-from irs_gym.interface import METADATA, checked_count, checked_mode, checked_options, checked_render_mode, each_seed
+from irs_gym.interface import (
+    METADATA,
+    check_fleet,
+    checked_count,
+    checked_mode,
+    checked_options,
+    checked_render_mode,
+    each_seed,
+)
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
 from irs_gym.task import World
 
@@ -52,6 +60,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
         self.worlds: Worlds = build_worlds(random_task_of(arguments))
         dispatcher = _Dispatcher(self.worlds)
+        check_fleet(self.num_envs, self.max_episode_steps, dispatcher.packing)
         self._fleet = Fleet(dispatcher, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy)
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)

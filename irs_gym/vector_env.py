@@ -14,7 +14,15 @@ from irs_gym.fleet import Fleet
 from irs_gym.grid import Cell
 from irs_gym.ground import RngOf, States
 from irs_gym.infos import TOLD
-from irs_gym.interface import METADATA, checked_count, checked_mode, checked_options, checked_render_mode, each_seed
+from irs_gym.interface import (
+    METADATA,
+    check_fleet,
+    checked_count,
+    checked_mode,
+    checked_options,
+    checked_render_mode,
+    each_seed,
+)
 from irs_gym.observation import build_observer
 from irs_gym.stack import build_stack
 from irs_gym.task import Task, World, build_world, task_of
@@ -63,6 +71,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
         self.world: World = build_world(task_of(arguments))
         check_task(self.world)
+        check_fleet(self.num_envs, self.max_episode_steps, build_observer(self.world, self.world.goal).packing)
         dispatcher = _Dispatcher(self.world, self.num_envs)
         self._fleet = Fleet(dispatcher, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy)
 

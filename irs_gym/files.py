@@ -40,12 +40,12 @@ def as_path(value: Any, name: str) -> Path:
     return Path(value)
 
 
-def read_file(path: Path, *, limit: int | None = None) -> bytes:
+def read_file(path: Path, most: int | None = None) -> bytes:
     """Content of a regular file: pipes and devices, which may never end, are not opened.
 
     Parameters
     ----------
-    limit
+    most
         Bytes that the file may have; by default as many as may be held in memory.
 
     Raises
@@ -65,7 +65,7 @@ def read_file(path: Path, *, limit: int | None = None) -> bytes:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):
             raise ValueError(f"{str(path)!r} is not a regular file")
-        _check_size(f"{str(path)!r}", found.st_size, limit)
+        _check_size(f"{str(path)!r}", found.st_size, most)
         return file.read(found.st_size)
 
 
@@ -93,7 +93,7 @@ def read_arrays(
     ValueError
         Where it is no such archive, or damaged; where it holds more than the limit.
     """
-    content = read_file(source, limit=limit) if isinstance(source, Path) else source
+    content = read_file(source, limit) if isinstance(source, Path) else source
     _check_size("the archive", len(content), limit)
     try:
         with zipfile.ZipFile(BytesIO(content)) as archive:
@@ -192,8 +192,7 @@ def write_file(path: Path, content: bytes) -> None:
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}-{get_ident()}")
     try:
-        temporary.unlink(missing_ok=True)  # of a process of this number that was killed, or a link laid there
-        with temporary.open("xb") as file:
+        with temporary.open("wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())

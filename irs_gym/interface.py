@@ -114,5 +114,6 @@ def view_of(world: World, start: Cell, goal: Cell) -> View:
         irs_panels=tuple(each.position[:2] for each in scene.irs_panels) if scene else (),
         start=start,
         goal=goal,
+        free=radio_map.free,
         oracle_cells=descend(tabulate(world, goal).distance_to_go, start, radio_map.grid.cell_size).cells,
     )

@@ -313,7 +313,7 @@ def load_scene(source: str | Path) -> Scene:
     if source in scene_names():
         text = resources.files("irs_gym").joinpath("scenes", f"{source}.json").read_bytes()
     elif place.is_file():
-        text = read_file(place, limit=_FILE_BYTES)
+        text = read_file(place, _FILE_BYTES)
     else:
         raise FileNotFoundError(f"scene={str(source)!r} is neither a file nor one of the scenes {scene_names()}")
     try:

@@ -25,7 +25,8 @@ _ACTIONS = "an integer from 0 to 7: " + ", ".join(f"{n} {name}" for n, name in e
 
 def checked_render_mode(render_mode: str | None) -> str | None:
     """The mode; a ``ValueError`` lists the known ones for an unknown one."""
-    if render_mode is not None and render_mode not in METADATA["render_modes"]:
+    is_known = isinstance(render_mode, str) and render_mode in METADATA["render_modes"]
+    if render_mode is not None and not is_known:
         raise ValueError(f"render_mode={render_mode!r} must be one of {METADATA['render_modes']} or None")
     return render_mode
 
@@ -85,7 +86,7 @@ def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
     if isinstance(mode, AutoresetMode):
         return mode
     for each in AutoresetMode:
-        if mode in (each.value, each.name, each.name.lower()):
+        if isinstance(mode, str) and mode in (each.value, each.name, each.name.lower()):
             return each
     raise ValueError(f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}")
 

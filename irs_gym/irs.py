@@ -49,7 +49,7 @@ class Hardware:
         ):
             raise ValueError(f"phase_bits={bits!r} must be an integer from 1 to 16, or None for continuous phases")
         for field, names in (("quantiser", Quantiser), ("array_model", ArrayModel)):
-            if getattr(self, field) not in get_args(names):
+            if not isinstance(getattr(self, field), str) or getattr(self, field) not in get_args(names):
                 raise ValueError(f"{field}={getattr(self, field)!r} must be one of {get_args(names)}")
 
     @property

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
-from math import isfinite
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -11,13 +10,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell, Grid, as_cell
+from irs_gym.grid import Cell, Grid, as_cell, checked_cell_size
 from irs_gym.irs import ArrayModel, Hardware, Quantiser
 from irs_gym.memory import check_memory, freeze
 from irs_gym.radio_map import RadioMap, as_scene, build_phase_shifts, build_radio_map
 from irs_gym.scene import TARGET_DB, Scene
 
 _CELL_BYTES = 1000  # for each cell: map, rules, graph and tables of an environment, at the most
+_LARGEST = 1e9  # of decibels and rewards
 _SHIFT_BYTES = 12  # for each of its phase shifts
 
 Constraint = Literal["refuse", "terminate", "allow"]
@@ -68,18 +68,21 @@ class Task:
 
     def __post_init__(self) -> None:
         Hardware(self.phase_bits, self.quantiser, self.array_model)
+        checked_cell_size(self.cell_size)
+        if self.irs_elements is not None and not is_integer(self.irs_elements):
+            raise ValueError(f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None")
         for name, choices in (("observation", Observation), ("constraint", Constraint)):
-            if getattr(self, name) not in get_args(choices):
+            if not isinstance(getattr(self, name), str) or getattr(self, name) not in get_args(choices):
                 raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}")
         for name in ("target_db", "goal_bonus"):
             value = getattr(self, name)
-            if (value is not None or name == "goal_bonus") and not (_is_number(value) and isfinite(value)):
-                raise ValueError(f"{name}={value!r} must be a finite number")
+            if (value is not None or name == "goal_bonus") and not (_is_number(value) and abs(value) <= _LARGEST):
+                raise ValueError(f"{name}={value!r} must be a finite number, none beyond {_LARGEST}")
         if self.goal_bonus < 0:
             raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
         if not isinstance(self.random_start, Real | np.bool_) or not 0 <= self.random_start <= 1:
             raise ValueError(f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1")
-        if not _is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
+        if not is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
             raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
         for name in ("irs_phases", "shaping"):
             if not isinstance(getattr(self, name), bool | np.bool_):
@@ -235,5 +238,6 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def _is_integer(value: Any) -> bool:
+def is_integer(value: Any) -> bool:
+    """Whether a value is a whole number, and no bool."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)

@@ -4,7 +4,7 @@ A file holds plain arrays and a line of JSON; nothing in it is unpickled.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from io import BytesIO
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from agents.map_settings import NetworkName
 from irs_gym.files import read_arrays
+from irs_gym.memory import check_memory
 from irs_gym.observation import MARGIN_SCALE_DB
 from irs_gym.pool import Pool
 
@@ -28,6 +29,7 @@ _CLASSES: dict[NetworkName, tuple[str, str]] = {
 }
 
 
+_TRAINED = 4  # times the weights that learning takes: gradients and two moments of Adam beside them
 FILE_BYTES = 2**28  # of a network's file and of its weights
 _LARGEST_SETTING = 4096  # channels, rounds, passes
 
@@ -66,9 +68,27 @@ def plan_pool(network: nn.Module, pool: Pool, batch: int = 32) -> NDArray[np.flo
 
 
 def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
-    """A network by its name, untrained; its weights are drawn from PyTorch's random numbers."""
+    """A network by its name, untrained; its weights are drawn from PyTorch's random numbers.
+
+    Raises ``ValueError`` where a setting is out of its range, or the network would take too much memory.
+    """
+    outline = _outline(name, settings)
+    check_memory(
+        f"{dict(settings)}: the network", _TRAINED * sum(each.nbytes for each in outline.state_dict().values())
+    )
+    return _class(name)(**settings)
+
+
+def _outline(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
+    """A network that has shapes but no numbers, and so takes no memory."""
+    _check_sizes(settings)
+    with torch.device("meta"):
+        return _class(name)(**settings)
+
+
+def _class(name: NetworkName) -> Callable[..., nn.Module]:
     module, kind = _CLASSES[name]
-    network: nn.Module = getattr(import_module(module), kind)(**settings)
+    network: Callable[..., nn.Module] = getattr(import_module(module), kind)
     return network
 
 
@@ -87,9 +107,7 @@ def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Modu
         arrays = read_arrays(content, limit=FILE_BYTES, needed=["header"])
         header = json.loads(str(arrays.pop("header")))
         weights = {key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()}
-        _check_sizes(header["settings"])
-        with torch.device("meta"):  # shapes alone: a network of other sizes takes no memory
-            _check_fit(build_network(header["network"], header["settings"]), weights)
+        _check_fit(_outline(header["network"], header["settings"]), weights)
         network = build_network(header["network"], header["settings"])
         network.load_state_dict(weights)
     except (ValueError, KeyError, TypeError, RecursionError, RuntimeError) as error:
@@ -100,7 +118,7 @@ def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Modu
 
 def _check_sizes(settings: Any) -> None:
     """Refuse settings of which a network would grow without end."""
-    if not isinstance(settings, dict):
+    if not isinstance(settings, Mapping):
         raise ValueError(f"settings={settings!r} must be an object")
     for name, value in settings.items():
         is_size = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= _LARGEST_SETTING

@@ -4,9 +4,11 @@ import os
 import re
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from numpy.typing import NDArray
+
+_Array = TypeVar("_Array", bound=NDArray[Any])
 
 VARIABLE = "IRS_GYM_MEMORY"
 PASSES = 100  # work that goes over more than this many times as many bytes as may be held at once is refused as well
@@ -81,6 +83,12 @@ def freeze(*arrays: NDArray[Any] | None) -> None:
     for array in arrays:
         if array is not None:
             array.setflags(write=False)
+
+
+def frozen(array: _Array) -> _Array:
+    """The array, made read-only."""
+    freeze(array)
+    return array
 
 
 @lru_cache(maxsize=1)

@@ -14,7 +14,7 @@ from irs_gym.cache import cache_folder
 from irs_gym.generator import CELL_SIZE
 from irs_gym.grid import as_cell
 from irs_gym.head import build_head
-from irs_gym.memory import check_memory, freeze
+from irs_gym.memory import check_memory, freeze, frozen
 from irs_gym.scene import Scene
 from irs_gym.solved import Solved, solve
 from irs_gym.splits import check_frozen, split_of
@@ -71,17 +71,17 @@ class Pool:
     @cached_property
     def free(self) -> NDArray[np.bool_]:
         """Cells that a robot can enter, whatever the target: shape ``(S, X, Y)``."""
-        return _read_only(np.isfinite(self.gain_db))
+        return frozen(np.isfinite(self.gain_db))
 
     @cached_property
     def feasible(self) -> NDArray[np.bool_]:
         """Free cells at or above their scene's target, shape ``(S, X, Y)``."""
-        return _read_only(self.free & (self.gain_db >= self.target_db[:, None, None]))
+        return frozen(self.free & (self.gain_db >= self.target_db[:, None, None]))
 
     @cached_property
     def oracle_distance(self) -> NDArray[np.float64]:
         """Length in metres of the shortest feasible path from each scene's start, shape ``(S,)``."""
-        return _read_only(self.distance_to_go[np.arange(len(self)), self.start[:, 0], self.start[:, 1]])
+        return frozen(self.distance_to_go[np.arange(len(self)), self.start[:, 0], self.start[:, 1]])
 
 
 def pool_of(
@@ -210,8 +210,3 @@ def _solve(scene: Scene, name: str, cell_size: float) -> Solved:
         return solve(scene, cell_size)
     except ValueError as error:
         raise ValueError(f"scene {name!r}: {error}") from None
-
-
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    freeze(array)
-    return array

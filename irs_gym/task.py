@@ -68,12 +68,23 @@ class Task:
 
     def __post_init__(self) -> None:
         Hardware(self.phase_bits, self.quantiser, self.array_model)
-        checked_cell_size(self.cell_size)
-        if self.irs_elements is not None and not is_integer(self.irs_elements):
-            raise ValueError(f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None")
+        self._check_scalars()
         for name, choices in (("observation", Observation), ("constraint", Constraint)):
             if not isinstance(getattr(self, name), str) or getattr(self, name) not in get_args(choices):
                 raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}")
+        for name in ("irs_phases", "shaping"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise ValueError(f"{name}={getattr(self, name)!r} must be True or False")
+        for name in ("start", "goal"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, as_cell(getattr(self, name), name))
+        if self.radio_map is not None:
+            self._check_foreign_map()
+
+    def _check_scalars(self) -> None:
+        checked_cell_size(self.cell_size)
+        if self.irs_elements is not None and not is_integer(self.irs_elements):
+            raise ValueError(f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None")
         for name in ("target_db", "goal_bonus"):
             value = getattr(self, name)
             if (value is not None or name == "goal_bonus") and not (_is_number(value) and abs(value) <= _LARGEST):
@@ -84,14 +95,6 @@ class Task:
             raise ValueError(f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1")
         if not is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
             raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
-        for name in ("irs_phases", "shaping"):
-            if not isinstance(getattr(self, name), bool | np.bool_):
-                raise ValueError(f"{name}={getattr(self, name)!r} must be True or False")
-        for name in ("start", "goal"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, as_cell(getattr(self, name), name))
-        if self.radio_map is not None:
-            self._check_foreign_map()
 
     def _check_foreign_map(self) -> None:
         for name in ("start", "goal"):

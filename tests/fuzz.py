@@ -190,9 +190,9 @@ def scenes(folder: Path) -> Callable[[], None]:
 
 def play(env: Any) -> None:
     """A few steps."""
-    observation, info = env.reset(seed=0)
+    _, info = env.reset(seed=0)
     for _ in range(3):
-        observation, *_, info = env.step(env.action_space.sample(mask=info["action_mask"]))
+        *_, info = env.step(env.action_space.sample(mask=info["action_mask"]))
     env.render()
     env.close()
 
@@ -393,9 +393,10 @@ def runs(folder: Path) -> Callable[[], None]:
     """Run folders, as the scoreboard and ``train --resume`` read them."""
     from hashlib import sha256
 
+    from tiny import TINY, call, open_floor
+
     from agents.checkpoint import Run
     from eval.results import find_runs, read_results
-    from tiny import TINY, call, open_floor
     from train.config import settings_of
     from train.run import check
 
@@ -520,7 +521,8 @@ def commands(folder: Path) -> Callable[[], None]:
                     read = functools.wraps(mains[name])(lambda *_, **__: 0)
                     tyro.cli(read, args=words, prog=name)
             except SystemExit as ended:
-                assert ended.code in (0, 2), ended.code
+                if ended.code not in (0, 2):
+                    raise AssertionError(f"exit status {ended.code}") from ended
         assert "Traceback" not in said.getvalue()
 
     return target

@@ -415,6 +415,6 @@ def test_a_map_that_tells_free_cells_is_another_problem():
 
 
 def test_the_public_names_are_all_tried_here():
-    source = Path(__file__).read_text() + Path(__file__).with_name("test_files.py").read_text()
+    source = Path(__file__).read_text() + Path(__file__).with_name("test_archives.py").read_text()
     untried = {"Path", "Scene", "TradeOff", "__version__", "from_sionna"}  # results, data; test_sionna.py
     assert all(name in source for name in {*irs_gym.__all__} - untried)

@@ -227,7 +227,6 @@ def packed(arrays: dict[str, Any], method: int, headers: list[tuple[int, bytes, 
 def maps(folder: Path) -> Callable[[], None]:
     """Map files, their environments, and other archives of arrays."""
     from agents.map_network import unpack_network
-    from agents.q_learning import QLearning
     from irs_gym import RadioMap
     from irs_gym.block import Block, build_block, definition_of
     from irs_gym.env import IrsNavEnv
@@ -256,7 +255,7 @@ def maps(folder: Path) -> Callable[[], None]:
         st.just([]) | st.lists(forged, max_size=2),
         st.integers(0, 40).map(lambda n: n == 23),
         st.integers(0, 9).flatmap(lambda n: damages if n in (5, 6) else st.just([])),
-        st.sampled_from(["map", "map", "map", "block", "network", "table"]),
+        st.sampled_from(["map", "map", "map", "block", "network"]),
     )
     def target(
         gain: Any, is_free: Any, other: Any, method: int, headers: Any, twice: bool, broken: Any, kind: str
@@ -270,7 +269,6 @@ def maps(folder: Path) -> Callable[[], None]:
                 "cell_size": np.float64(0.5),
                 "origin": np.zeros(2),
             }
-            arrays |= {"table": np.zeros((20, 8)), "shape": np.array([5, 4])} if kind == "table" else {}
             arrays |= {} if is_free is None else {"free": is_free}
             arrays = {name: array for name, array in (arrays | other).items() if array is not None}
             content = damaged(packed(arrays, method, headers, twice), broken)
@@ -281,8 +279,6 @@ def maps(folder: Path) -> Callable[[], None]:
                 Block.from_bytes(content, definition)
             elif kind == "network":
                 unpack_network(content)
-            elif kind == "table":
-                QLearning.load(io.BytesIO(content))
             else:
                 RadioMap.load(file)
                 task = {"radio_map": str(file), "start": (0, 1), "goal": (3, 2), "target_db": -90.0}
@@ -423,9 +419,10 @@ def runs(folder: Path) -> Callable[[], None]:
             files[name] = as_json(mutated(json.loads(files[name]), wanted)) if wanted else files[name]
         name, how, broken = (None, "", []) if one is None else (sorted(files)[one[0] % len(files)], *one[1:])
         if how == "damage":
-            old, files[name] = files[name], damaged(files[name], broken)
-            if is_rehashed and not name.endswith(".zip"):  # a network's file of SB3 is code
-                digests = sha256(old).hexdigest().encode(), sha256(files[name]).hexdigest().encode()
+            files[name] = damaged(files[name], broken)
+        for each in base if is_rehashed else ():
+            if not each.endswith((".zip", ".pickle")):  # to read what is pickled runs it
+                digests = sha256(base[each]).hexdigest().encode(), sha256(files[each]).hexdigest().encode()
                 files["manifest.json"] = files["manifest.json"].replace(*digests)
         for each, content in files.items():
             (place / each).write_bytes(content)

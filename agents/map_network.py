@@ -4,7 +4,7 @@ A file holds plain arrays and a line of JSON; nothing in it is unpickled.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from io import BytesIO
 from typing import Any, NamedTuple
@@ -14,8 +14,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from agents.arrays import read_arrays
 from agents.map_settings import NetworkName
+from irs_gym.files import read_arrays
+from irs_gym.memory import check_memory
 from irs_gym.observation import MARGIN_SCALE_DB
 from irs_gym.pool import Pool
 
@@ -27,6 +28,11 @@ _CLASSES: dict[NetworkName, tuple[str, str]] = {
     "vin": ("agents.vin", "ValueIterationNetwork"),
     "explorer": ("agents.explorer", "ExplorerNetwork"),
 }
+
+
+_TRAINED = 4  # times the weights that learning takes: gradients and two moments of Adam beside them
+FILE_BYTES = 2**28  # of a network's file and of its weights
+_LARGEST_SETTING = 4096  # channels, rounds, passes
 
 
 class NetworkFileError(ValueError):
@@ -63,9 +69,27 @@ def plan_pool(network: nn.Module, pool: Pool, batch: int = 32) -> NDArray[np.flo
 
 
 def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
-    """A network by its name, untrained; its weights are drawn from PyTorch's random numbers."""
+    """A network by its name, untrained; its weights are drawn from PyTorch's random numbers.
+
+    Raises ``ValueError`` where a setting is out of its range, or the network would take too much memory.
+    """
+    outline = _outline(name, settings)
+    check_memory(
+        f"{dict(settings)}: the network", _TRAINED * sum(each.nbytes for each in outline.state_dict().values())
+    )
+    return _class(name)(**settings)
+
+
+def _outline(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
+    """A network that has shapes but no numbers, and so takes no memory."""
+    _check_sizes(settings)
+    with torch.device("meta"):
+        return _class(name)(**settings)
+
+
+def _class(name: NetworkName) -> Callable[..., nn.Module]:
     module, kind = _CLASSES[name]
-    network: nn.Module = getattr(import_module(module), kind)(**settings)
+    network: Callable[..., nn.Module] = getattr(import_module(module), kind)
     return network
 
 
@@ -81,26 +105,35 @@ def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Mod
 def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Module]:
     """Name, settings and network in the content of a file; raises `NetworkFileError` where it is none."""
     try:
-        arrays = read_arrays(content)
+        arrays = read_arrays(content, limit=FILE_BYTES, needed=["header"])
         header = json.loads(str(arrays.pop("header")))
         weights = {key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()}
-        _check_kinds(weights, header["network"], header["settings"])
+        _check_fit(_outline(header["network"], header["settings"]), weights)
         network = build_network(header["network"], header["settings"])
         network.load_state_dict(weights)
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RuntimeError, AssertionError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError, RuntimeError) as error:
         raise NetworkFileError(f"the file does not hold a network over maps: {error}") from None
     network.eval()
     return header["network"], header["settings"], network
 
 
-def _check_kinds(weights: Mapping[str, Tensor], name: NetworkName, settings: Mapping[str, Any]) -> None:
-    """Raise ``ValueError`` where weights are not those of such a network, before one is made that fills the memory."""
-    for setting, value in settings.items():
-        if isinstance(value, int) and value > _MOST:
-            raise ValueError(f"{setting}={value} is more than {_MOST}")
-    with torch.device("meta"):  # shapes alone
-        wanted = build_network(name, settings).state_dict()
-    kinds = [{key: (each.dtype, tuple(each.shape)) for key, each in some.items()} for some in (wanted, weights)]
-    for key in sorted({*wanted, *weights}):
-        if kinds[0].get(key) != kinds[1].get(key):
-            raise ValueError(f"{key} is {kinds[1].get(key, 'missing')}, not {kinds[0].get(key, 'asked for')}")
+def _check_sizes(settings: Any) -> None:
+    """Refuse settings of which a network would grow without end."""
+    if not isinstance(settings, Mapping):
+        raise ValueError(f"settings={settings!r} must be an object")
+    for name, value in settings.items():
+        is_size = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= _LARGEST_SETTING
+        if not is_size and not isinstance(value, str):
+            raise ValueError(f"settings.{name}={value!r} must be a name or an integer from 1 to {_LARGEST_SETTING}")
+
+
+def _check_fit(network: nn.Module, weights: Mapping[str, Tensor]) -> None:
+    """Refuse weights that are not the network's own, all of them and finite."""
+    wanted = {name: (each.shape, each.dtype) for name, each in network.state_dict().items()}
+    found = {name: (each.shape, each.dtype) for name, each in weights.items()}
+    wrong = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
+    if wrong:
+        raise ValueError(f"its weights are not those of such a network: {', '.join(wrong[:3])}")
+    infinite = [name for name, each in weights.items() if each.is_floating_point() and not each.isfinite().all()]
+    if infinite:
+        raise ValueError(f"its weights are not finite: {', '.join(infinite[:3])}")

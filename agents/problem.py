@@ -4,6 +4,8 @@ import re
 from dataclasses import dataclass
 from hashlib import sha256
 
+import numpy as np
+
 from irs_gym.grid import Cell
 from irs_gym.irs import ArrayModel, Quantiser
 from irs_gym.radio_map import RadioMap
@@ -85,7 +87,10 @@ def problem_of(task: Task) -> Problem:
     task, radio_map, scene, elements = resolved(task), None, None, ()
     if isinstance(given := task.radio_map, RadioMap):
         cells = repr((given.grid.origin, given.grid.cell_size, given.gain_db.shape)).encode()
-        radio_map = _digest(cells + given.gain_db.tobytes())
+        # a map with free cells that receive nothing is another one; all others keep the digest they had
+        has_silence = not np.array_equal(given.free, np.isfinite(given.gain_db))
+        silence = given.free.tobytes() if has_silence else b""
+        radio_map = _digest(cells + given.gain_db.tobytes() + silence)
     elif isinstance(own := task.scene, Scene):
         scene = _scene_name(own)
         elements = tuple(panel.elements for panel in own.with_irs_elements(task.irs_elements).irs_panels)

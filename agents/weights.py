@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from agents.algorithms import STABLE_BASELINES, model_class, observation_of, read_network, settings_class
-from agents.arrays import read_arrays
 from agents.manifest import Config
+from agents.map_network import FILE_BYTES
 from agents.q_learning import QLearning
 from agents.rollout import evaluation_env
 from agents.settings import NetworkConfig
+from irs_gym.files import read_arrays
 from irs_gym.grid import MOVES
 from irs_gym.observation import Packing
 from irs_gym.splits import split_of
@@ -68,14 +69,14 @@ def load(config: Config, task: Task | None, content: bytes) -> Any:
         return _rebuild(config, _space_of(config, task), _read(content))
     shape = None if task is None else build_world(task).feasible.shape
     try:
-        return read_network(content) if shape is None else QLearning.of(read_arrays(content), shape)
+        return read_network(content) if shape is None else QLearning.of(read_arrays(content, limit=FILE_BYTES), shape)
     except ValueError as error:
         raise WeightsError(str(error)) from None
 
 
 def _read(content: bytes) -> dict[str, NDArray[Any]]:
     try:
-        return read_arrays(content)
+        return read_arrays(content, limit=FILE_BYTES)
     except ValueError as error:
         raise WeightsError(str(error)) from None
 

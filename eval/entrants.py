@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
@@ -23,7 +22,7 @@ from agents.manifest import GeneralistEntry
 from agents.pool_rollout import Episodes
 from eval.results import COMPLETE, SETTINGS_LENGTH, LeftOut, find_runs, read_curve
 from eval.unseen import Player, player_of, reference
-from irs_gym.files import write_file
+from irs_gym.files import read_arrays, write_file
 from irs_gym.generator import VERSION
 from irs_gym.pool import Pool
 
@@ -174,10 +173,9 @@ def kept(file: Path, pool: Pool, model: str, player: Player) -> Episodes:
     """Episodes from a file, if they are those of this model, generator and pool; else played, and written there."""
     names = json.dumps([VERSION, model, pool.names]).encode()
     key = sha256(names + pool.oracle_distance.tobytes()).hexdigest()
-    # It may be missing, or damaged in whatever way: then it is made anew.
-    with suppress(Exception), np.load(file, allow_pickle=False) as arrays:
-        if str(arrays["key"]) == key and _fits(arrays["is_success"], arrays["distance"], len(pool)):
-            return Episodes(arrays["is_success"], arrays["distance"], pool.oracle_distance)
+    kept_before = _read_episodes(file, key, pool)
+    if kept_before is not None:
+        return kept_before
     found, content = player.episodes(pool), BytesIO()
     np.savez_compressed(content, key=np.array(key), is_success=found.is_success, distance=found.distance)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -185,10 +183,22 @@ def kept(file: Path, pool: Pool, model: str, player: Player) -> Episodes:
     return found
 
 
-def _fits(is_success: NDArray[Any], distance: NDArray[Any], scenes: int) -> bool:
-    """Whether arrays can be results on so many scenes."""
-    is_whole = is_success.shape == distance.shape == (scenes,)
-    return is_whole and is_success.dtype == bool and distance.dtype == float and bool((distance >= 0).all())
+def _read_episodes(file: Path, key: str, pool: Pool) -> Episodes | None:
+    """Episodes from a file with that key; None where there is none, another's, or a damaged one."""
+    try:
+        arrays = read_arrays(file, needed=("key", "is_success", "distance"))
+    except (OSError, ValueError):
+        return None
+    is_success, distance = arrays["is_success"], arrays["distance"]
+    is_whole = is_success.shape == distance.shape == (len(pool),) and (is_success.dtype, distance.dtype) == (
+        bool,
+        float,
+    )
+    if not is_whole or not np.all((distance >= 0) & (distance < np.inf)) or np.any(is_success & (distance == 0)):
+        return None
+    if arrays["key"].tolist() != key:
+        return None
+    return Episodes(is_success, distance, pool.oracle_distance)
 
 
 def _check(run: Run) -> None:

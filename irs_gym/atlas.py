@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from irs_gym.dynamics import ACTIONS, ends, permissions, potential, reward, tabulate
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell
 from irs_gym.ground import Outcome, States
+from irs_gym.memory import freeze, frozen
 from irs_gym.observation import Packing, Rows, own_positions, scaled_margin, vectors_to_goal
 from irs_gym.random_task import Worlds
 
@@ -42,6 +43,7 @@ class Atlas:
     windows: NDArray[np.void] = field(init=False)  # (S * C,): all rows of cells as wide as a patch, a view
 
     def __post_init__(self) -> None:
+        freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
         # Rows overlap in memory: to gather whole rows is twice as fast as to gather their cells.
         row = np.dtype((np.void, 4 * self.packing.side))
         windows = np.ndarray(len(self.margin) - self.packing.side + 1, row, self.margin.data, strides=(4,))
@@ -168,38 +170,40 @@ class Atlas:
     @cached_property
     def _centre(self) -> Ints:
         """Numbers of an offset of 0, shape ``(2,)``."""
-        return np.array(self.packing.shape) - 1
+        return frozen(np.array(self.packing.shape) - 1)
 
     @cached_property
     def _rows(self) -> Ints:
         """From the first row of a patch to each of them."""
-        return np.arange(self.packing.side) * self.shape[1]
+        return frozen(np.arange(self.packing.side) * self.shape[1])
 
     @cached_property
     def _steps(self) -> Ints:
         """What to add to a state, by code."""
         steps = (MOVES @ np.array([self._breadth, 1]) << _OFFSET) + MOVES @ np.array([self.shape[1], 1])
-        return np.stack([np.zeros_like(steps), steps], axis=-1).ravel()
+        return frozen(np.stack([np.zeros_like(steps), steps], axis=-1).ravel())
 
     @cached_property
     def _moved(self) -> NDArray[np.float64]:
         """Metres really travelled, by code."""
         lengths = MOVE_LENGTHS * self.worlds.pool.cell_size
-        return np.stack([np.zeros(ACTIONS), lengths], axis=-1).ravel()
+        return frozen(np.stack([np.zeros(ACTIONS), lengths], axis=-1).ravel())
 
     @cached_property
     def _own(self) -> Rows:
         """Own position by cell, shape ``(C, 2)``."""
-        return np.ascontiguousarray(own_positions(np.indices(self.shape).reshape(2, -1).T, self.packing.shape))
+        cells = np.indices(self.shape).reshape(2, -1).T
+        return frozen(np.ascontiguousarray(own_positions(cells, self.packing.shape)))
 
     @cached_property
     def _to_goal(self) -> Rows:
         """Vector to the goal by offset, shape ``(O, 2)``."""
-        return np.ascontiguousarray(vectors_to_goal(_offsets(self.packing.shape), self.packing.shape))
+        return frozen(np.ascontiguousarray(vectors_to_goal(_offsets(self.packing.shape), self.packing.shape)))
 
     @cached_property
     def _names(self) -> NDArray[np.object_]:
-        return np.array([*self.worlds.pool.names, None], dtype=object)[:-1]  # an object even where there is but one
+        names = np.array([*self.worlds.pool.names, None], dtype=object)  # objects even where there is but one
+        return frozen(names[:-1])
 
 
 # By 8 x byte + action: whether that bit of the byte is set, and the code, 2 x action + bit.

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from irs_gym.files import read_arrays
 from irs_gym.generator import CELL_SIZE, VERSION
-from irs_gym.radio_map import DAMAGE
+from irs_gym.irs import PHYSICS_VERSION
 from irs_gym.solved import Solved
 from irs_gym.splits import solved_of, split_of
 from irs_gym.task import irs_settings
@@ -64,14 +65,28 @@ class Block:
     def from_bytes(cls, content: bytes, definition: str) -> "Block":
         """Block of an archive; never unpickles. Raises ``ValueError`` for one that is damaged or another's."""
         try:
-            with np.load(BytesIO(content), allow_pickle=False) as file:
-                block = cls(**{name: file[name] for name in _names()})
-                said: list[bytes] = file["said"].tolist()
-            if said != [definition.encode(), block._digest(definition)]:
+            arrays = read_arrays(content, needed=["said", *_names()])
+            block = cls(**{name: arrays[name] for name in _names()})
+            if arrays["said"].tolist() != [definition.encode(), block._digest(definition)]:
                 raise ValueError("it holds something else")
-        except (*DAMAGE, AttributeError, MemoryError) as error:
+            block._check(json.loads(definition))
+        except ValueError as error:
             raise ValueError(f"not the block {definition}: {error}") from None
         return block
+
+    def _check(self, definition: dict[str, Any]) -> None:
+        """Refuse arrays of other shapes or types than a block has, and cells off its maps."""
+        count, frame = definition["count"], definition["frame"]
+        shapes = {"gain_db": (count, *frame), "distance_to_go": (count, *frame), "irs": (count, 3)}
+        shapes |= {"texts": (count,), "target_db": (count,), "start": (count, 2), "goal": (count, 2)}
+        kinds = {"texts": "S", "irs": "f4", "start": "i8", "goal": "i8"}
+        for name, shape in shapes.items():
+            array: NDArray[Any] = getattr(self, name)
+            if array.shape != shape or not array.dtype.str[1:].startswith(kinds.get(name, "f8")):
+                raise ValueError(f"{name} has the shape {array.shape} and the type {array.dtype}")
+        ends = np.concatenate([self.start, self.goal])
+        if (ends < 0).any() or (ends >= frame).any() or not np.isfinite(self.target_db).all():
+            raise ValueError("start, goal or target_db has a value that none can have")
 
     def _digest(self, definition: str) -> bytes:
         summed = sha256(definition.encode())
@@ -98,6 +113,7 @@ def definition_of(split: str, first: int, count: int) -> str:
         {
             "format_version": 1,
             "generator_version": VERSION,
+            "physics_version": PHYSICS_VERSION,
             "split": split,
             "number": chosen.number,
             "difficulty": asdict(chosen.difficulty),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves, octile_distance
+from irs_gym.memory import freeze
 from irs_gym.oracle import distance_to_go, infeasible
 from irs_gym.task import Constraint, Task, World
 
@@ -124,6 +125,9 @@ class Tables:
     action_mask: NDArray[np.int8]  # (X * Y, 8)
     distance_to_go: NDArray[np.float64]  # (X, Y), metres
     starts: NDArray[np.int64]  # flat indices
+
+    def __post_init__(self) -> None:
+        freeze(self.transition, self.cell, self.action_mask, self.distance_to_go, self.starts)
 
     def __reduce__(self) -> Any:
         return tabulate, (self.world, self.goal)

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from irs_gym.action_values import optimal_q
 from irs_gym.dynamics import ACTIONS, Transition, choose_start, tables_for, transition_table
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, as_cell
 from irs_gym.infos import KEYS
 from irs_gym.interface import RENDERERS, checked_action, view_of
 from irs_gym.metrics import spl
 from irs_gym.observation import build_observer
 from irs_gym.oracle import Path, descend, flat_cell, optimal_moves
 from irs_gym.snapshot import Snapshot
-from irs_gym.task import World, as_cell
+from irs_gym.task import World
 from irs_gym.trail import cells_of
 
 

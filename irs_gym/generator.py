@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, floor
+from numbers import Real
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.geometry import TOUCH, Boxes, is_in_footprint
-from irs_gym.grid import Cell, Grid
+from irs_gym.grid import Cell, Grid, as_cell, checked_point
 from irs_gym.oracle import distance_to_go, highest_feasible_target, largest_component
 from irs_gym.radio_map import RadioMap, build_radio_map
 from irs_gym.scene import AccessPoint, IrsPanel, Obstacle, Point3, Room, Scene, Wall, load_scene
@@ -20,6 +21,9 @@ VERSION = 1  # of what is drawn from a seed, and of its map: whoever changes eit
 
 CELL_SIZE = 0.5  # metres: of the map that makes a scene feasible
 RASTER = 0.25  # metres: edges of boxes
+LONGEST = 200.0  # metres: the greatest side of a room
+MOST_BOXES = 1000
+FACTORIES = 10_000  # drawn before a difficulty is given up
 TRIES = 12  # tasks tried in one factory, whose map costs more than they
 LEAST_FLOOR = 0.4  # of the room: the largest piece of floor that a robot can drive on
 LEAST_RANGE_DB = 0.5  # from the loosest to the highest feasible target
@@ -52,12 +56,22 @@ class Difficulty:
     """Probability that a scene is drawn until it has a detour; the others are as they come, some with one, too."""
 
     def __post_init__(self) -> None:
-        if not 4.0 <= self.sides[0] <= self.sides[1]:
-            raise ValueError(f"sides={self.sides} must rise, from 4 m on")
-        if not 0 <= self.boxes[0] <= self.boxes[1]:
-            raise ValueError(f"boxes={self.boxes} must rise, from 0 on")
-        if not self.panels or not set(self.panels) <= set(_ELEMENTS):
+        low, high = checked_point(self.sides, "sides")
+        if not 4.0 <= low <= high <= LONGEST:
+            raise ValueError(f"sides={self.sides} must rise, from 4 m to {LONGEST} m at most")
+        least, most = as_cell(self.boxes, "boxes", "two integers, the least and the greatest number of boxes")
+        if not 0 <= least <= most <= MOST_BOXES:
+            raise ValueError(f"boxes={self.boxes} must rise, from 0 to {MOST_BOXES} at most")
+        if (
+            not isinstance(self.panels, tuple)
+            or not self.panels
+            or not all(each in (*_ELEMENTS,) for each in self.panels)
+        ):
             raise ValueError(f"panels={self.panels} must hold some of {tuple(_ELEMENTS)}")
+        for name in ("detour", "detour_share"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise ValueError(f"{name}={value!r} must be a number")
         if not 1.0 <= self.detour <= 1.5:
             raise ValueError(f"detour={self.detour} must lie from 1 to 1.5: few scenes have longer ones")
         if not 0.0 <= self.detour_share <= 1.0:
@@ -89,7 +103,7 @@ def generate_scene(rng: np.random.Generator, difficulty: str | Difficulty = "def
     Raises
     ------
     ValueError
-        Where there is no such difficulty.
+        Where there is no such difficulty, ``rng`` is no generator, or no scene of that difficulty was found.
     """
     return draw(rng, difficulty).scene
 
@@ -100,13 +114,18 @@ def draw(rng: np.random.Generator, difficulty: str | Difficulty = "default") -> 
         if difficulty not in DIFFICULTIES:
             raise ValueError(f"difficulty={difficulty!r} must be one of {tuple(DIFFICULTIES)}, or a Difficulty")
         difficulty = DIFFICULTIES[difficulty]
+    if not isinstance(rng, np.random.Generator) or not isinstance(difficulty, Difficulty):
+        raise ValueError(
+            f"rng={rng!r} must be a numpy.random.Generator, difficulty={difficulty!r} a name or a Difficulty"
+        )
     # decided before anything is rejected, so that the share is kept
     detour = difficulty.detour if rng.random() < difficulty.detour_share else 0.0
-    found = None
-    while found is None:  # degenerate factories, and those without such a task, are drawn anew
+    for _ in range(FACTORIES):  # degenerate factories, and those without such a task, are drawn anew
         scene = _draw_factory(rng, difficulty)
         found = None if scene is None else _draw_task(rng, scene, detour)
-    return found
+        if found is not None:
+            return found
+    raise ValueError(f"difficulty={difficulty}: none of {FACTORIES} factories has such a task")
 
 
 def least_distance(room: Room) -> float:

@@ -6,11 +6,15 @@ E, NE, N, NW, W, SW, S, SE.
 """
 
 from dataclasses import dataclass
-from math import floor, isfinite, sqrt
+from math import floor, sqrt
 from numbers import Real
+from operator import index
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from irs_gym.memory import check_memory
 
 MOVES = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)], dtype=np.int64)
 MOVE_NAMES = ("E", "NE", "N", "NW", "W", "SW", "S", "SE")
@@ -20,6 +24,7 @@ for _constant in (MOVES, MOVE_LENGTHS):
 
 Cell = tuple[int, int]
 
+SMALLEST, LARGEST = 1e-9, 1e9  # metres: of a cell's edge, and of any coordinate
 _SNAP = 1e-9  # in cells: a point this near to a border counts as on it, whatever the rounding of its coordinates
 
 
@@ -39,7 +44,8 @@ class Grid:
     Raises
     ------
     ValueError
-        Where ``cell_size`` is not positive and finite, or ``origin`` is not two finite numbers.
+        Where ``shape`` is not two positive integers, ``cell_size`` not positive and finite, or ``origin`` not two
+        finite numbers.
     """
 
     shape: tuple[int, int]
@@ -47,9 +53,12 @@ class Grid:
     origin: tuple[float, float]
 
     def __post_init__(self) -> None:
-        _check_cell_size(self.cell_size)
-        if np.shape(self.origin) != (2,) or not np.isfinite(self.origin).all():
-            raise ValueError(f"origin={self.origin} must be two finite numbers of metres")
+        columns, rows = as_cell(self.shape, "shape", "two positive numbers of cells (X, Y)")
+        if columns < 1 or rows < 1:
+            raise ValueError(f"shape={self.shape!r} must be two positive numbers of cells (X, Y)")
+        object.__setattr__(self, "shape", (columns, rows))
+        object.__setattr__(self, "cell_size", checked_cell_size(self.cell_size))
+        object.__setattr__(self, "origin", checked_point(self.origin, "origin"))
 
     @classmethod
     def tile(cls, lower: tuple[float, float], upper: tuple[float, float], cell_size: float) -> "Grid":
@@ -58,9 +67,10 @@ class Grid:
         Raises
         ------
         ValueError
-            Where ``cell_size`` is not positive and finite, or does not divide both sides.
+            Where ``cell_size`` is not positive and finite, or does not divide both sides; where a corner is no point.
         """
-        _check_cell_size(cell_size)
+        cell_size = checked_cell_size(cell_size)
+        lower, upper = checked_point(lower, "lower"), checked_point(upper, "upper")
         shape = []
         for axis, low, high in zip("xy", lower, upper, strict=True):
             cells = (high - low) / cell_size
@@ -70,7 +80,7 @@ class Grid:
                     f"{(high - low) / max(1, round(cells)):.6g} m would"
                 )
             shape.append(round(cells))
-        return cls((shape[0], shape[1]), float(cell_size), (float(lower[0]), float(lower[1])))
+        return cls((shape[0], shape[1]), cell_size, lower)
 
     @property
     def upper(self) -> tuple[float, float]:
@@ -80,6 +90,7 @@ class Grid:
 
     def centres(self) -> NDArray[np.float64]:
         """Cell centres in metres, shape ``(X, Y, 2)`` (eq. 10 of the paper, counted from 0)."""
+        self.check_memory(32)
         x, y = (low + (np.arange(n) + 0.5) * self.cell_size for low, n in zip(self.origin, self.shape, strict=True))
         return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
 
@@ -99,15 +110,14 @@ class Grid:
         Raises
         ------
         ValueError
-            Where the point lies outside the floor.
+            Where the point lies outside the floor, or is not two numbers.
         """
+        point = _two_numbers(point, "point")
         cell = []
         for value, low, n in zip(point, self.origin, self.shape, strict=True):
             position = (value - low) / self.cell_size
             if not -_SNAP <= position <= n + _SNAP:
-                raise ValueError(
-                    f"the point {tuple(point)} m lies outside the floor from {self.origin} to {self.upper} m"
-                )
+                raise ValueError(f"the point {point} m lies outside the floor from {self.origin} to {self.upper} m")
             nearest = round(position)
             index = nearest if abs(position - nearest) < _SNAP else floor(position)
             cell.append(min(index, n - 1))
@@ -117,10 +127,74 @@ class Grid:
         """Whether the cell lies on the grid."""
         return 0 <= cell[0] < self.shape[0] and 0 <= cell[1] < self.shape[1]
 
+    def check_memory(self, each: float, what: str = "the map") -> None:
+        """Refuse work on the map that takes so many bytes for each cell; see `irs_gym.memory.check_memory`."""
+        columns, rows = self.shape
+        asked = f"cell_size={self.cell_size}: {what} of {columns} x {rows} cells"
+        check_memory(asked, each * columns * rows)
 
-def _check_cell_size(cell_size: float) -> None:
-    if not (isinstance(cell_size, Real) and isfinite(cell_size) and cell_size > 0):
+
+def as_cell(value: Any, name: str, wanted: str = "a cell (i, j) of two integers") -> Cell:
+    """Two integers; a ``ValueError`` names the field otherwise. Neither bools nor floats are integers."""
+    try:
+        i, j = value
+        if not isinstance(i, bool | np.bool_) and not isinstance(j, bool | np.bool_):
+            return index(i), index(j)
+    except (TypeError, ValueError):
+        pass
+    raise ValueError(f"{name}={value!r} must be {wanted}")
+
+
+def checked_cell_size(cell_size: Any) -> float:
+    """Edge of a cell in metres; a ``ValueError`` says what is wrong with one that no map can have."""
+    is_number = isinstance(cell_size, Real) and not isinstance(cell_size, bool)
+    if not is_number or not 0 < cell_size < np.inf:
         raise ValueError(f"cell_size={cell_size!r} must be a positive number of metres")
+    if not SMALLEST <= cell_size <= LARGEST:
+        raise ValueError(f"cell_size={cell_size!r} must lie from {SMALLEST} to {LARGEST} m")
+    return float(cell_size)
+
+
+def checked_point(point: Any, name: str) -> tuple[float, float]:
+    """A point (x, y) in metres; a ``ValueError`` names the field otherwise."""
+    x, y = _two_numbers(point, name)
+    if not (abs(x) <= LARGEST and abs(y) <= LARGEST):
+        raise ValueError(f"{name}={point!r} must be two finite numbers of metres, none beyond {LARGEST}")
+    return x, y
+
+
+def _two_numbers(point: Any, name: str) -> tuple[float, float]:
+    try:
+        x, y = point
+        if not any(isinstance(each, bool) or not isinstance(each, Real) for each in (x, y)):
+            return float(x), float(y)
+    except (OverflowError, TypeError, ValueError):
+        pass
+    raise ValueError(f"{name}={point!r} must be two finite numbers of metres, along x and y")
+
+
+def checked_map(values: Any, name: str, kinds: str, each: float = 0) -> NDArray[Any]:
+    """An array ``(X, Y)`` of the kinds of values that are named by NumPy's letters.
+
+    A ``ValueError`` names the field where it is none; where work on it would take too much memory, at so many bytes
+    for each cell; and where it holds NaN or +inf.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of unequal lengths
+        raise ValueError(f"{name} is no array: {error}") from None
+    if array.dtype.kind not in kinds:
+        wanted = "bools" if kinds == "b" else "real numbers of dB"
+        raise ValueError(f"{name} holds values of the type {array.dtype}, not {wanted}")
+    if array.ndim != 2 or not array.size:
+        raise ValueError(f"{name} has the shape {array.shape}, but a map has two axes (X, Y)")
+    check_memory(f"{name}: work on a map of {array.shape[0]} x {array.shape[1]} cells", each * array.size)
+    if kinds == "b":
+        return array
+    array = array.astype(np.float64, copy=False)
+    if not np.all(array < np.inf):
+        raise ValueError(f"{name} holds NaN or +inf: each cell must be a number of dB, or -inf where blocked")
+    return array
 
 
 def legal_moves(free: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -13,12 +13,14 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, tabulate
-from irs_gym.grid import MOVE_NAMES, Cell
+from irs_gym.grid import MOVE_NAMES, Cell, as_cell
+from irs_gym.memory import check_memory
+from irs_gym.observation import Packing
 from irs_gym.oracle import descend
 from irs_gym.radio_map import RadioMap
 from irs_gym.rendering import View, draw, text
 from irs_gym.scene import Scene
-from irs_gym.task import World, as_cell
+from irs_gym.task import World
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}
 RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {"rgb_array": draw, "ansi": text}
@@ -57,7 +59,8 @@ def as_data(argument: Any) -> Any:
 
 def checked_render_mode(render_mode: str | None) -> str | None:
     """The mode; a ``ValueError`` lists the known ones for an unknown one."""
-    if render_mode is not None and render_mode not in METADATA["render_modes"]:
+    is_known = isinstance(render_mode, str) and render_mode in METADATA["render_modes"]
+    if render_mode is not None and not is_known:
         raise ValueError(f"render_mode={render_mode!r} must be one of {METADATA['render_modes']} or None")
     return render_mode
 
@@ -103,19 +106,30 @@ def checked_options(options: dict[str, Any] | None, more: str | None = None) -> 
     return {name: value if name == more else as_cell(value, name) for name, value in (options or {}).items()}
 
 
+def check_fleet(num_envs: int, max_episode_steps: int, packing: Packing) -> None:
+    """Refuse a vector environment whose observations and paths would take too much memory, before any is made."""
+    check_memory(
+        f"num_envs={num_envs}: state and observations of {packing.width} numbers", num_envs * (18 * packing.width + 500)
+    )
+    check_memory(
+        f"num_envs={num_envs}, max_episode_steps={max_episode_steps}: the paths of all robots",
+        4.0 * num_envs * (max_episode_steps + 1),
+    )
+
+
 def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
     """The autoreset mode of that name; a ``ValueError`` lists the known ones for an unknown one."""
     if isinstance(mode, AutoresetMode):
         return mode
     for each in AutoresetMode:
-        if mode in (each.value, each.name, each.name.lower()):
+        if isinstance(mode, str) and mode in (each.value, each.name, each.name.lower()):
             return each
     raise ValueError(f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}")
 
 
 def checked_count(name: str, value: Any) -> int:
     """A positive integer; a ``ValueError`` names what is none."""
-    if not isinstance(value, int | np.integer) or value < 1:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{name}={value!r} must be a positive integer")
     return int(value)
 
@@ -164,5 +178,6 @@ def view_of(world: World, start: Cell, goal: Cell) -> View:
         irs_panels=tuple(each.position[:2] for each in scene.irs_panels) if scene else (),
         start=start,
         goal=goal,
+        free=radio_map.free,
         oracle_cells=descend(tabulate(world, goal).distance_to_go, start, radio_map.grid.cell_size).cells,
     )

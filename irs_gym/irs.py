@@ -12,6 +12,10 @@ from irs_gym.propagation import Link, link
 from irs_gym.scene import AccessPoint, IrsPanel, Scene
 from irs_gym.units import Floats, wavelength_m
 
+# Of the formulas in `geometry`, `propagation` and this module. Whoever changes a gain or a phase shift of any scene by
+# more than rounding raises it: maps that were cached before are then built anew.
+PHYSICS_VERSION = 1
+
 Complexes = NDArray[np.complex128]
 Quantiser = Literal["nearest", "as_printed", "optimal"]
 ArrayModel = Literal["far_field", "coherent", "spherical"]
@@ -45,7 +49,7 @@ class Hardware:
         ):
             raise ValueError(f"phase_bits={bits!r} must be an integer from 1 to 16, or None for continuous phases")
         for field, names in (("quantiser", Quantiser), ("array_model", ArrayModel)):
-            if getattr(self, field) not in get_args(names):
+            if not isinstance(getattr(self, field), str) or getattr(self, field) not in get_args(names):
                 raise ValueError(f"{field}={getattr(self, field)!r} must be one of {get_args(names)}")
 
     @property

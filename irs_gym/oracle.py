@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, dijkstra, minimum_spanning_tree
 
-from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves
+from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, as_cell, checked_cell_size, checked_map, legal_moves
+from irs_gym.memory import freeze
 
+GRAPH_BYTES = 400  # for each cell of a map, at the most: of the graph of its moves and a search in it
 Integers = NDArray[np.integer[Any]]
 
 _TIE = 1e-9  # relative: lengths are sums of floats, and moves that lose no more than this are as good as the best
@@ -30,6 +32,9 @@ class Path:
 
     distance: float
     cells: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        freeze(self.cells)
 
 
 def path_length(cells: NDArray[np.int64], cell_size: float) -> float:
@@ -59,8 +64,10 @@ def shortest_path(feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_siz
     Raises
     ------
     ValueError
-        Where an end lies off the map.
+        Where ``feasible`` is no map of bools, an end no cell of it, or ``cell_size`` not positive.
     """
+    feasible, cell_size = checked_map(feasible, "feasible", "b", GRAPH_BYTES), checked_cell_size(cell_size)
+    start, goal = as_cell(start, "start"), as_cell(goal, "goal")
     source, target = flat_cell(feasible, start, "start"), flat_cell(feasible, goal, "goal")
     if not (feasible[start] and feasible[goal]):
         return None
@@ -77,8 +84,10 @@ def shortest_path(feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_siz
 def distance_to_go(feasible: NDArray[np.bool_], goal: Cell, cell_size: float) -> NDArray[np.float64]:
     """Length in metres of the shortest path from every cell to the goal.
 
-    Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` for a goal off the map.
+    Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` as `shortest_path` does.
     """
+    feasible, cell_size = checked_map(feasible, "feasible", "b", GRAPH_BYTES), checked_cell_size(cell_size)
+    goal = as_cell(goal, "goal")
     target = flat_cell(feasible, goal, "goal")
     if not feasible[goal]:
         return np.full(feasible.shape, np.inf)
@@ -143,13 +152,20 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     """The highest target in dB at which start and goal are connected, exactly: the widest path's bottleneck.
 
     The widest path runs in the maximum spanning tree of the free cells. Returns -inf where no path exists at any
-    target. Raises ``ValueError`` for an end off the map.
+    target.
 
     Parameters
     ----------
     gain_db
         Shape ``(X, Y)``; -inf in obstacles.
+
+    Raises
+    ------
+    ValueError
+        Where ``gain_db`` is no map of numbers without NaN and +inf, or an end no cell of it.
     """
+    gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
+    start, goal = as_cell(start, "start"), as_cell(goal, "goal")
     source, target = flat_cell(gain_db, start, "start"), flat_cell(gain_db, goal, "goal")
     # The tree is grown on ranks, 1 for the highest gain: positive weights whose order is that of the gains.
     levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)

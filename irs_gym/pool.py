@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 from irs_gym.block import Block
 from irs_gym.cache import cache_folder
 from irs_gym.generator import CELL_SIZE
+from irs_gym.grid import as_cell
 from irs_gym.head import build_head
+from irs_gym.memory import check_memory, freeze, frozen
 from irs_gym.scene import Scene
 from irs_gym.solved import Solved, solve
 from irs_gym.splits import check_frozen, split_of
+
+_CELL_BYTES = 50  # for each cell of each scene, at the most: maps, rules, and blocks before they are joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +58,7 @@ class Pool:
     cell_size: float
 
     def __post_init__(self) -> None:
-        for array in (self.target_db, self.gain_db, self.distance_to_go, self.irs, self.start, self.goal):
-            array.setflags(write=False)
+        freeze(self.target_db, self.gain_db, self.distance_to_go, self.irs, self.start, self.goal)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -68,17 +71,17 @@ class Pool:
     @cached_property
     def free(self) -> NDArray[np.bool_]:
         """Cells that a robot can enter, whatever the target: shape ``(S, X, Y)``."""
-        return _read_only(np.isfinite(self.gain_db))
+        return frozen(np.isfinite(self.gain_db))
 
     @cached_property
     def feasible(self) -> NDArray[np.bool_]:
         """Free cells at or above their scene's target, shape ``(S, X, Y)``."""
-        return _read_only(self.free & (self.gain_db >= self.target_db[:, None, None]))
+        return frozen(self.free & (self.gain_db >= self.target_db[:, None, None]))
 
     @cached_property
     def oracle_distance(self) -> NDArray[np.float64]:
         """Length in metres of the shortest feasible path from each scene's start, shape ``(S,)``."""
-        return _read_only(self.distance_to_go[np.arange(len(self)), self.start[:, 0], self.start[:, 1]])
+        return frozen(self.distance_to_go[np.arange(len(self)), self.start[:, 0], self.start[:, 1]])
 
 
 def pool_of(
@@ -112,13 +115,15 @@ def pool_of(
     names = tuple(scene.name for scene in scenes) if names is None else tuple(names)
     if len(names) != len(scenes):
         raise ValueError(f"names has {len(names)} entries for {len(scenes)} scenes: one for each is needed")
-    solved = [_solve(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)]
-    shapes = np.array([each.radio_map.grid.shape for each in solved])
-    frame = (int(shapes[:, 0].max()), int(shapes[:, 1].max())) if frame is None else frame
+    shapes = np.array([_shape(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)])
+    largest = (int(shapes[:, 0].max()), int(shapes[:, 1].max()))
+    frame = largest if frame is None else as_cell(frame, "frame", "two numbers of cells (X, Y)")
+    _check_memory(len(scenes), frame, f"cell_size={cell_size}, frame={frame}")
     too_large = np.flatnonzero((shapes > frame).any(axis=1))
     if len(too_large):
         name, shape = names[too_large[0]], tuple(shapes[too_large[0]].tolist())
         raise ValueError(f"scene {name!r} has {shape} cells: frame={frame} is too small")
+    solved = [_solve(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)]
     return _pool(tuple(scenes), names, Block.of(solved, frame), cell_size)
 
 
@@ -160,6 +165,7 @@ def build_pool(
     count = min(1000, size) if num_scenes is None else num_scenes
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= size:
         raise ValueError(f"num_scenes={num_scenes!r} must be a number from 1 to {size}, the scenes of {split!r}")
+    _check_memory(int(count), split_of(split).frame, f"num_scenes={count}")
     folder = cache_folder() if cache is None else Path(cache)
     block = build_head(split, int(count), jobs=jobs, progress=progress, folder=folder)
     texts = block.texts.tolist()
@@ -187,13 +193,20 @@ def _pool(scenes: Sequence[Scene], names: tuple[str, ...], block: Block, cell_si
     return Pool(scenes=scenes, names=names, cell_size=cell_size, **arrays)
 
 
+def _check_memory(count: int, frame: tuple[int, int], asked: str) -> None:
+    size = float(count) * frame[0] * frame[1] * _CELL_BYTES
+    check_memory(f"{asked}: {count} maps of {frame[0]} x {frame[1]} cells", size)
+
+
+def _shape(scene: Scene, name: str, cell_size: float) -> tuple[int, int]:
+    try:
+        return scene.grid(cell_size).shape
+    except ValueError as error:
+        raise ValueError(f"scene {name!r}: {error}") from None
+
+
 def _solve(scene: Scene, name: str, cell_size: float) -> Solved:
     try:
         return solve(scene, cell_size)
     except ValueError as error:
         raise ValueError(f"scene {name!r}: {error}") from None
-
-
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    array.setflags(write=False)
-    return array

@@ -22,11 +22,8 @@ def path_loss_db(distance_m: ArrayLike, is_clear: NDArray[np.bool_], path_loss: 
     is_clear
         Line of sight or not, same shape.
     """
-    log_distance, log_frequency = np.log10(distance_m), np.log10(carrier_ghz)
-    los, nlos = (
-        c.intercept_db + c.distance_slope_db * log_distance + c.frequency_slope_db * log_frequency
-        for c in (path_loss.line_of_sight, path_loss.non_line_of_sight)
-    )
+    los = path_loss.line_of_sight.loss_db(distance_m, carrier_ghz)
+    nlos = path_loss.non_line_of_sight.loss_db(distance_m, carrier_ghz)
     return np.asarray(np.where(is_clear, los, np.maximum(los, nlos)))
 
 
@@ -61,13 +58,21 @@ def link(scene: Scene, points: NDArray[np.float64], end: ArrayLike) -> Link:
     Raises
     ------
     ValueError
-        Where a point coincides with the end: the path loss model knows no distance of 0.
+        Where a point coincides with the end, as the path loss model knows no distance of 0, or is so near to it that
+        path loss would be a gain.
     """
     offset = points - np.asarray(end, dtype=np.float64)
     distance = np.sqrt(np.einsum("...k,...k->...", offset, offset))
     if not distance.all():
         raise ValueError(f"an antenna at {tuple(np.asarray(end).tolist())} m coincides with the centre of a cell")
     is_clear = is_line_of_sight(points, end, scene.boxes)
-    gain = db_to_linear(-path_loss_db(distance, is_clear, scene.path_loss, scene.carrier_ghz))
+    loss_db = path_loss_db(distance, is_clear, scene.path_loss, scene.carrier_ghz)
+    if not np.all(loss_db >= 0):
+        nearest = float(distance.flat[np.argmin(loss_db)])
+        raise ValueError(
+            f"path_loss is {loss_db.min():.4g} dB at {nearest:.3g} m from an antenna at "
+            f"{tuple(np.asarray(end).tolist())} m, and no passive link has one below 0"
+        )
+    gain = db_to_linear(-loss_db)
     rician = np.where(is_clear, db_to_linear(scene.rician_factor_db), 0.0)
     return Link(distance, offset / distance[..., None], gain, rician)

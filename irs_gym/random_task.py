@@ -14,7 +14,8 @@ from irs_gym.grid import Grid
 from irs_gym.pool import Pool, build_pool, pool_of
 from irs_gym.radio_map import RadioMap
 from irs_gym.scene import Scene, load_scenes
-from irs_gym.task import Constraint, Observation, Task, World, checked_fields
+from irs_gym.splits import split_of
+from irs_gym.task import Constraint, Observation, Task, World, checked_fields, is_integer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +46,12 @@ class RandomTask:
     """Reward at the goal, in metres."""
 
     def __post_init__(self) -> None:
-        assert self.common  # checks the fields of each scene's task
+        _ = self.common  # checks the fields of each scene's task
+        size = split_of(self.split).size
+        if not is_integer(self.num_scenes) or not 1 <= self.num_scenes <= size:
+            raise ValueError(
+                f"num_scenes={self.num_scenes!r} must be a number from 1 to {size}, the scenes of {self.split!r}"
+            )
         if self.scenes is None:
             return
         given = [name for name in ("split", "num_scenes") if getattr(self, name) != getattr(RandomTask, name)]

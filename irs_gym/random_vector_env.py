@@ -19,6 +19,7 @@ from irs_gym.infos import VALUES, Infos, Step, Values
 from irs_gym.interface import (
     METADATA,
     PlainSpec,
+    check_fleet,
     checked_count,
     checked_mode,
     checked_options,
@@ -69,6 +70,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         sampler = _EpisodeSampler(self.worlds)
+        check_fleet(self.num_envs, self.max_episode_steps, sampler.packing)
         self._episodes = VectorEpisodes(
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )

@@ -9,20 +9,35 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from irs_gym.files import write_file
+from irs_gym.files import as_path, read_file, write_file
 from irs_gym.geometry import TOUCH, Boxes, is_in_footprint
 from irs_gym.grid import Grid
 
-Positive = Annotated[float, Field(gt=0)]
-Count = Annotated[int, Field(ge=1)]
+
+def _not_tiny(value: float) -> float:
+    if value < 1e-6:
+        raise ValueError("Input should be greater than or equal to 1e-06")
+    return value
+
+
+# Beyond these bounds no formula here means anything, and numbers of 64 bits overflow or lose micrometres.
+Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
+Length = Annotated[float, Field(gt=0, le=1e7)]
+Decibels = Annotated[float, Field(ge=-1000, le=1000)]
+Frequency = Annotated[float, Field(gt=0, le=1e6), AfterValidator(_not_tiny)]  # GHz
+Pitch = Annotated[float, Field(gt=0, le=1e6), AfterValidator(_not_tiny)]  # wavelengths
+Count = Annotated[int, Field(ge=1, le=10**9)]
 PhaseBits = Annotated[int, Field(ge=1, le=16)]
-Point2 = tuple[float, float]
-Point3 = tuple[float, float, float]
+Point2 = tuple[Metres, Metres]
+Point3 = tuple[Metres, Metres, Metres]
 Wall = Literal["x_min", "x_max", "y_min", "y_max"]
 
 TARGET_DB = -61.8  # the paper's, where nothing else is said
+MOST_ELEMENTS = 10**12  # of a panel
+_FILE_BYTES = 2**24  # of a scene file; that of a factory has a few thousand
+_MOST_TOLD = 10  # mistakes of one file
 
 
 class _Part(BaseModel):
@@ -34,11 +49,11 @@ class _Part(BaseModel):
 class Room(_Part):
     """The rectangular floor and the ceiling, in metres; the floor is at z = 0."""
 
-    x_min: float
-    x_max: float
-    y_min: float
-    y_max: float
-    height: Positive
+    x_min: Metres
+    x_max: Metres
+    y_min: Metres
+    y_max: Metres
+    height: Length
 
     @property
     def lower(self) -> Point2:
@@ -68,7 +83,7 @@ class Obstacle(_Part):
     """A box on the floor that robots cannot enter and that blocks line of sight."""
 
     center: Point2  # of its footprint
-    size: tuple[Positive, Positive, Positive]  # along x, along y, height
+    size: tuple[Length, Length, Length]  # along x, along y, height
 
     @property
     def lower(self) -> Point3:
@@ -99,7 +114,15 @@ class IrsPanel(_Part):
     columns: Count
     rows: Count
     elements_per_subsurface: tuple[Count, Count]  # along the wall, along z
-    pitch_wavelengths: Positive  # between neighbouring elements, both ways
+    pitch_wavelengths: Pitch  # between neighbouring elements, both ways
+
+    @model_validator(mode="after")
+    def _can_be_counted(self) -> Self:
+        if self.elements > MOST_ELEMENTS:
+            raise ValueError(
+                f"columns, rows and elements_per_subsurface make {self.elements} elements, not at most 1e12"
+            )
+        return self
 
     @property
     def elements_per_row(self) -> int:
@@ -126,9 +149,17 @@ class IrsPanel(_Part):
 class PathLossCoefficients(_Part):
     """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), all in dB."""
 
-    intercept_db: float
-    distance_slope_db: float
-    frequency_slope_db: float
+    intercept_db: Decibels
+    distance_slope_db: Decibels
+    frequency_slope_db: Decibels
+
+    def loss_db(self, distance_m: Any, carrier_ghz: float) -> Any:
+        """Path loss in dB over distances in metres, of any shape."""
+        return (
+            self.intercept_db
+            + self.distance_slope_db * np.log10(distance_m)
+            + self.frequency_slope_db * np.log10(carrier_ghz)
+        )
 
 
 class PathLoss(_Part):
@@ -147,14 +178,14 @@ class Scene(_Part):
     format_version: Literal[1] = 1
     name: str
     room: Room
-    obstacles: tuple[Obstacle, ...]
-    access_points: Annotated[tuple[AccessPoint, ...], Field(min_length=1)]
-    irs_panels: tuple[IrsPanel, ...]
-    antenna_height: Positive
+    obstacles: Annotated[tuple[Obstacle, ...], Field(max_length=10_000)]
+    access_points: Annotated[tuple[AccessPoint, ...], Field(min_length=1, max_length=1000)]
+    irs_panels: Annotated[tuple[IrsPanel, ...], Field(max_length=1000)]
+    antenna_height: Length
     start: Point2
     goal: Point2
-    carrier_ghz: Positive
-    rician_factor_db: float
+    carrier_ghz: Frequency
+    rician_factor_db: Decibels
     path_loss: PathLoss
     target_db: float = TARGET_DB  # lowest expected channel gain that keeps the robot connected
     phase_bits: PhaseBits | None = None  # resolution of all panels' phase shifters; None for continuous phases
@@ -180,11 +211,24 @@ class Scene(_Part):
                 mistakes.append(
                     f"irs_panels[{n}].position={panel.position} must lie on its wall, {panel.wall[0]} = {wall}"
                 )
-            if any(panel.position == point.position for point in self.access_points):
-                mistakes.append(f"irs_panels[{n}].position={panel.position} coincides with an access point")
+            mistakes += self._too_near(n, panel)
         if not self.antenna_height <= room.height:
             mistakes.append(f"antenna_height={self.antenna_height} exceeds the room's height {room.height}")
         return mistakes
+
+    def _too_near(self, n: int, panel: IrsPanel) -> list[str]:
+        """What to say of a panel that is so near to an access point that path loss would be a gain."""
+        apart = np.array([point.position for point in self.access_points]) - panel.position
+        nearest = float(np.sqrt((apart**2).sum(axis=1)).min())
+        if nearest <= TOUCH:
+            return [f"irs_panels[{n}].position={panel.position} coincides with an access point"]
+        loss_db = float(self.path_loss.line_of_sight.loss_db(nearest, self.carrier_ghz))
+        if loss_db >= 0:
+            return []
+        return [
+            f"irs_panels[{n}].position={panel.position} is {nearest:.3g} m from an access point: path_loss there is "
+            f"{loss_db:.4g} dB, and no passive link has one below 0"
+        ]
 
     def _misplaced_ends(self) -> list[str]:
         mistakes = []
@@ -231,14 +275,16 @@ class Scene(_Part):
         Raises
         ------
         ValueError
-            Where the elements are no whole number, do not fill whole rows of sub-surfaces, or the scene has no panel
-            to put them on.
+            Where the elements are no whole number or more than any panel has, do not fill whole rows of sub-surfaces,
+            or the scene has no panel to put them on.
         """
         if irs_elements is None:
             return self
         if isinstance(irs_elements, bool) or not isinstance(irs_elements, Integral):
             raise ValueError(f"irs_elements={irs_elements!r} must be a whole number of elements, or None")
         elements = int(irs_elements)
+        if elements > MOST_ELEMENTS:
+            raise ValueError(f"irs_elements={elements} is more than the {MOST_ELEMENTS} that a panel may have")
         if elements == 0:
             return self.model_copy(update={"irs_panels": ()})
         if not self.irs_panels:
@@ -279,10 +325,11 @@ def load_scene(source: str | Path) -> Scene:
     ValueError
         Where the file is not a valid scene; the message names each field at fault.
     """
+    place = as_path(source, "scene")
     if source in scene_names():
         text = resources.files("irs_gym").joinpath("scenes", f"{source}.json").read_bytes()
-    elif Path(source).is_file():
-        text = Path(source).read_bytes()
+    elif place.is_file():
+        text = read_file(place, _FILE_BYTES)
     else:
         raise FileNotFoundError(f"scene={str(source)!r} is neither a file nor one of the scenes {scene_names()}")
     try:
@@ -301,7 +348,7 @@ def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
     ValueError
         Where there is no scene file in it, or one is not a valid scene; the message names the file.
     """
-    place = Path(folder)
+    place = as_path(folder, "scenes")
     if not place.is_dir():
         raise FileNotFoundError(f"scenes={str(folder)!r} is no folder of scene files")
     files = sorted(place.glob("*.json"))
@@ -312,10 +359,19 @@ def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
 
 def _in_one_line(error: ValidationError) -> str:
     mistakes = []
-    for mistake in error.errors(include_url=False):
+    for mistake in error.errors(include_url=False)[:_MOST_TOLD]:
         field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]).lstrip(".")
         is_whole_part = mistake["type"] == "missing" or not field
-        given = "" if is_whole_part else f" (got {mistake['input']!r})"
+        given = "" if is_whole_part else f" (got {_shortened(mistake['input'])})"
         said = mistake["msg"].removeprefix("Value error, ")
         mistakes.append(f"{field}: {said}{given}" if field else said)
-    return "; ".join(mistakes)
+    more = error.error_count() - len(mistakes)
+    return "; ".join([*mistakes, f"and {more} more mistakes"] if more else mistakes)
+
+
+def _shortened(value: Any) -> str:
+    try:
+        said = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        return "a number of thousands of digits"
+    return said if len(said) <= 200 else f"{said[:200]}..."

@@ -24,7 +24,8 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
         ``cell_centers`` (Y, X, 3) and ``cell_size`` (2,).
     free
         Bool, shape ``(X, Y)``: the cells that a robot can enter. Rays reach into some materials, so the map alone
-        does not say. None: all cells that receive anything.
+        does not say. A free cell that no ray reaches stays free, with a gain of -inf. None: all cells that receive
+        anything.
 
     Returns
     -------
@@ -45,12 +46,10 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
     if path_gain.ndim != 3 or not path_gain.size or not np.all(path_gain >= 0):
         raise ValueError(f"path_gain, of the shape {path_gain.shape}, must be linear gains (transmitters, Y, X)")
     gain_db = linear_to_db(path_gain.max(axis=0).T)
-    if free is not None:
-        if np.shape(free) != gain_db.shape or np.asarray(free).dtype != bool:
-            raise ValueError(f"free must be an array of bools of the map's shape {gain_db.shape}")
-        gain_db = np.where(free, gain_db, -np.inf)
+    if free is not None and (np.shape(free) != gain_db.shape or np.asarray(free).dtype != bool):
+        raise ValueError(f"free must be an array of bools of the map's shape {gain_db.shape}")
     cell_size, origin = _cells(radio_map, gain_db.shape)
-    return RadioMap.from_array(gain_db, cell_size, origin)
+    return RadioMap.from_array(gain_db, cell_size, origin, free)
 
 
 def _cells(radio_map: Any, shape: tuple[int, ...]) -> tuple[float, tuple[float, float]]:

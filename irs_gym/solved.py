@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell, octile_distance
+from irs_gym.memory import freeze
 from irs_gym.oracle import distance_to_go, infeasible
 from irs_gym.radio_map import RadioMap, build_radio_map
 from irs_gym.scene import Scene
@@ -18,6 +19,9 @@ class Solved:
     scene: Scene
     radio_map: RadioMap
     distance_to_go: NDArray[np.float64]  # (X, Y), metres over feasible cells; +inf where the goal cannot be reached
+
+    def __post_init__(self) -> None:
+        freeze(self.distance_to_go)
 
     @property
     def start(self) -> Cell:

@@ -50,7 +50,7 @@ SPLITS = {
 
 def split_of(name: str) -> Split:
     """A split by its name; a ``ValueError`` lists all for an unknown one."""
-    if name not in SPLITS:
+    if not isinstance(name, str) or name not in SPLITS:
         raise ValueError(f"split={name!r} must be one of {tuple(SPLITS)}")
     return SPLITS[name]
 

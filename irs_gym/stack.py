@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from irs_gym.dynamics import ACTIONS, tabulate
 from irs_gym.grid import Cell
 from irs_gym.ground import Outcome, States
+from irs_gym.memory import freeze
 from irs_gym.observation import build_observer
 from irs_gym.task import World
 
@@ -33,6 +34,9 @@ class Stack:
     gain: NDArray[np.float64]  # (S,)
     margin: NDArray[np.float64]  # (S,)
     observations: NDArray[np.float32] | None  # (S, D), where it is small enough to keep
+
+    def __post_init__(self) -> None:
+        freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
 
     def first_state(self, goal: Cell) -> int:
         """State of the cell (0, 0) for a goal."""

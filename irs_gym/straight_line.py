@@ -6,13 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, as_cell, checked_cell_size, checked_map
+from irs_gym.memory import check_memory
 from irs_gym.oracle import shortest_path
 
 try:
     import shapely
 except ModuleNotFoundError:  # an optional extra
     shapely = None
+
+_CELL_BYTES = 2000  # for each cell: a square, joined with the others
+_SIGHT_BYTES = 100  # gone over for each pair of corners
 
 Points = NDArray[np.int64]  # (n, 2), in half cells from the map's lower left corner, so that all are whole numbers
 
@@ -41,16 +45,19 @@ def straight_line_bound(feasible: NDArray[np.bool_], start: Cell, goal: Cell, ce
     Raises
     ------
     ValueError
-        Where an end lies off the map.
+        As `irs_gym.oracle.shortest_path`, and where the map has more corners than can be searched.
     ModuleNotFoundError
         Where shapely is not installed.
     """
     if shapely is None:
         raise ModuleNotFoundError('straight_line_bound needs shapely: pip install "irs_gym[geometry]"')
+    feasible, cell_size = checked_map(feasible, "feasible", "b", _CELL_BYTES), checked_cell_size(cell_size)
+    start, goal = as_cell(start, "start"), as_cell(goal, "goal")
     path = shortest_path(feasible, start, goal, 1.0)
     if path is None:
         return inf
     corners, slopes = _corners(feasible)
+    check_memory(f"feasible: lines of sight between {len(corners)} corners", 0, _SIGHT_BYTES * len(corners) ** 2)
     points = np.concatenate([2 * np.array([start, goal]) + 1, corners])
     bound = _search(points, np.append([0, 0], slopes), _area(feasible), 2 * path.distance) / 2
     return min(bound, path.distance) * cell_size  # equal lengths may be rounded differently

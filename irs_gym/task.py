@@ -4,18 +4,22 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from hashlib import blake2b
-from math import isfinite
-from operator import index
+from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, Grid, as_cell, checked_cell_size
 from irs_gym.irs import ArrayModel, Hardware, Quantiser
+from irs_gym.memory import check_memory, freeze
 from irs_gym.radio_map import RadioMap, as_scene, build_phase_shifts, build_radio_map
 from irs_gym.scene import TARGET_DB, Scene
+
+_CELL_BYTES = 1000  # for each cell: map, rules, graph and tables of an environment, at the most
+_LARGEST = 1e9  # of decibels and rewards
+_SHIFT_BYTES = 12  # for each of its phase shifts
 
 Constraint = Literal["refuse", "terminate", "allow"]
 Observation = Literal["dict", "flat", "map", "masked", "cell"]
@@ -69,24 +73,33 @@ class Task:
         if isinstance(self.radio_map, Mapping):
             object.__setattr__(self, "radio_map", RadioMap.from_data(self.radio_map))
         Hardware(self.phase_bits, self.quantiser, self.array_model)
+        self._check_scalars()
         for name, choices in (("observation", Observation), ("constraint", Constraint)):
-            if getattr(self, name) not in get_args(choices):
+            if not isinstance(getattr(self, name), str) or getattr(self, name) not in get_args(choices):
                 raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}")
-        for name in ("target_db", "goal_bonus"):
-            value = getattr(self, name)
-            if (value is not None or name == "goal_bonus") and not (_is_number(value) and isfinite(value)):
-                raise ValueError(f"{name}={value!r} must be a finite number")
-        if self.goal_bonus < 0:
-            raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
-        if not _is_number(self.random_start) or not 0 <= self.random_start <= 1:
-            raise ValueError(f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1")
-        if not isinstance(self.patch_radius, int | np.integer) or not 0 <= self.patch_radius <= 100:
-            raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
+        for name in ("irs_phases", "shaping"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise ValueError(f"{name}={getattr(self, name)!r} must be True or False")
         for name in ("start", "goal"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, as_cell(getattr(self, name), name))
         if self.radio_map is not None:
             self._check_foreign_map()
+
+    def _check_scalars(self) -> None:
+        checked_cell_size(self.cell_size)
+        if self.irs_elements is not None and not is_integer(self.irs_elements):
+            raise ValueError(f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None")
+        for name in ("target_db", "goal_bonus"):
+            value = getattr(self, name)
+            if (value is not None or name == "goal_bonus") and not (_is_number(value) and abs(value) <= _LARGEST):
+                raise ValueError(f"{name}={value!r} must be a finite number, none beyond {_LARGEST}")
+        if self.goal_bonus < 0:
+            raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
+        if not isinstance(self.random_start, Real | np.bool_) or not 0 <= self.random_start <= 1:
+            raise ValueError(f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1")
+        if not is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
+            raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
 
     def _check_foreign_map(self) -> None:
         for name in ("start", "goal"):
@@ -162,6 +175,9 @@ class World:
     source: tuple[Callable[..., "World"], tuple[Any, ...]] = field(repr=False)  # a call that gives it again
     to_go: NDArray[np.float64] | None = field(default=None, repr=False)  # (X, Y), metres to its own goal where known
 
+    def __post_init__(self) -> None:
+        freeze(self.feasible, self.irs, self.to_go)
+
     @property
     def target_db(self) -> float:
         """Lowest expected channel gain that keeps the robot connected."""
@@ -199,17 +215,19 @@ def _build_world(task: Task) -> World:
     scene = None
     if isinstance(task.radio_map, RadioMap):
         radio_map, start, goal = task.radio_map, task.start, task.goal
+        radio_map.grid.check_memory(_CELL_BYTES, "the tables of a map")
         settings = np.full(3, -1.0)
         shifts = np.zeros((*radio_map.grid.shape, 0), dtype=np.float32)
     else:
         assert isinstance(task.scene, Scene)
         scene = task.scene.with_irs_elements(task.irs_elements)
+        wanted = scene if task.irs_phases else scene.with_irs_elements(0)
+        _check_world(scene.grid(task.cell_size), wanted)
         hardware = (task.phase_bits, task.quantiser, task.array_model)
         radio_map = build_radio_map(scene, task.cell_size, None, *hardware)
         start = task.start or radio_map.grid.cell_of(scene.start)
         goal = task.goal or radio_map.grid.cell_of(scene.goal)
         settings = irs_settings(scene, task.phase_bits)
-        wanted = scene if task.irs_phases else scene.with_irs_elements(0)
         shifts = build_phase_shifts(wanted, task.cell_size, None, *hardware)
     assert start is not None  # Task asks for both along with a map
     assert goal is not None
@@ -218,6 +236,13 @@ def _build_world(task: Task) -> World:
     irs = np.concatenate([spread, np.clip(shifts / np.float32(np.pi) - 1, -1, 1)], axis=-1)
     feasible = radio_map.feasible(task.target_db)
     return World(task, scene, radio_map, start, goal, feasible, irs, source=(build_world, (task,)))
+
+
+def _check_world(grid: Grid, scene: Scene) -> None:
+    """Refuse a world whose tables would take too much memory, before any of it is made."""
+    grid.check_memory(_CELL_BYTES, "map and tables")
+    cells, shifts = grid.shape[0] * grid.shape[1], sum(panel.subsurfaces for panel in scene.irs_panels)
+    check_memory(f"irs_elements: {shifts} phase shifts in each of {cells} cells", _SHIFT_BYTES * cells * shifts)
 
 
 def irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
@@ -232,14 +257,10 @@ def irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
     return np.array([1.0, resolution, 1.0 - 2.0 / (1.0 + elements / 1000.0)])
 
 
-def as_cell(value: Any, name: str) -> Cell:
-    """A cell (i, j) of two integers; a ``ValueError`` names the field otherwise."""
-    try:
-        i, j = value
-        return index(i), index(j)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}={value!r} must be a cell (i, j) of two integers") from None
-
-
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number)
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def is_integer(value: Any) -> bool:
+    """Whether a value is a whole number, and no bool."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)

@@ -9,8 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra
 
-from irs_gym.grid import MOVE_LENGTHS, Cell
-from irs_gym.oracle import Integers, edges, flat_cell
+from irs_gym.grid import MOVE_LENGTHS, Cell, as_cell, checked_cell_size, checked_map
+from irs_gym.memory import freeze
+from irs_gym.oracle import GRAPH_BYTES, Integers, edges, flat_cell
+
+_MOST_CELLS = 36_000_000  # see _whole_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +36,18 @@ class TradeOff:
     distances: NDArray[np.float64]
     dijkstra_runs: int
 
+    def __post_init__(self) -> None:
+        freeze(self.targets_db, self.distances)
+
     def distance_at(self, target_db: ArrayLike) -> NDArray[np.float64]:
-        """Shortest distance in metres at any targets, same shape; +inf above the highest feasible one."""
-        step = np.searchsorted(self.targets_db, np.asarray(target_db, dtype=np.float64), side="left")
+        """Shortest distance in metres at any targets, same shape; +inf above the highest feasible one.
+
+        Raises ``ValueError`` where a target is no number.
+        """
+        targets_db = np.asarray(target_db)
+        if targets_db.dtype.kind not in "iuf" or np.isnan(targets_db).any():
+            raise ValueError(f"target_db={target_db!r} must be numbers of dB")
+        step = np.searchsorted(self.targets_db, targets_db.astype(np.float64), side="left")
         return np.asarray(np.append(self.distances, np.inf)[step])
 
 
@@ -59,8 +71,14 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     Raises
     ------
     ValueError
-        Where an end lies off the map.
+        Where ``gain_db`` is no map of numbers without NaN and +inf or one of too many cells for exact sums, an end no
+        cell of it, or ``cell_size`` not positive.
     """
+    gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
+    if gain_db.size > _MOST_CELLS:
+        raise ValueError(f"gain_db has {gain_db.size} cells, and lengths are exact on maps up to {_MOST_CELLS}")
+    cell_size = checked_cell_size(cell_size)
+    start, goal = as_cell(start, "start"), as_cell(goal, "goal")
     source, sink = flat_cell(gain_db, start, "start"), flat_cell(gain_db, goal, "goal")
     gain = gain_db.ravel()
     targets_db: list[float] = []

@@ -19,6 +19,7 @@ from irs_gym.infos import VALUES, Infos
 from irs_gym.interface import (
     METADATA,
     PlainSpec,
+    check_fleet,
     checked_count,
     checked_mode,
     checked_options,
@@ -84,6 +85,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
         self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
+        check_fleet(self.num_envs, self.max_episode_steps, build_observer(self.world, self.world.goal).packing)
         sampler = _EpisodeSampler(self.world, self.num_envs)
         self._episodes = VectorEpisodes(
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos

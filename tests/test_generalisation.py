@@ -115,6 +115,36 @@ def test_what_was_played_is_played_once_and_anew_for_another_model(tmp_path):
     assert len(played) == 3
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda arrays: {**arrays, "distance": np.full(6, np.nan)},
+        lambda arrays: {**arrays, "distance": np.zeros(6)},
+        lambda arrays: {**arrays, "is_success": np.ones(7, bool)},
+        lambda arrays: {**arrays, "is_success": np.ones(6)},
+        lambda arrays: {"key": arrays["key"]},
+        lambda arrays: {**arrays, "key": np.array([None])},
+    ],
+)
+def test_what_was_played_is_played_anew_where_its_file_is_forged_or_damaged(tmp_path, change):
+    file, played = tmp_path / "kept.npz", []
+
+    def episodes(pool):
+        played.append(pool)
+        return Episodes(np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance)
+
+    entrants.kept(file, POOL, "a", Player("it", episodes))
+    with np.load(file) as arrays:
+        forged = change(dict(arrays))
+    np.savez(file, **forged)
+    found = entrants.kept(file, POOL, "a", Player("it", episodes))
+    assert len(played) == 2
+    np.testing.assert_array_equal(found.distance, POOL.oracle_distance * 2)
+    file.write_bytes(file.read_bytes()[:-9])
+    entrants.kept(file, POOL, "a", Player("it", episodes))
+    assert len(played) == 3
+
+
 def test_runs_that_cannot_count_are_left_out_by_name(monkeypatch, small, runs, tmp_path, capsys):
     Run.open(runs / "few").update(status="interrupted")
     Run.create(runs / "single", Config(algorithm="q_learning", seed=0, env={}, agent={}, training={}))

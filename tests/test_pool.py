@@ -249,9 +249,10 @@ def test_the_name_of_a_file_tells_of_all_that_its_content_depends_on(monkeypatch
         return head.file_of(definition_of("train", 0, 2), "train", 0)
 
     first = name()
-    with monkeypatch.context() as patch:
-        patch.setattr(block, "VERSION", 99)
-        assert name() != first
+    for version in ("VERSION", "PHYSICS_VERSION"):  # of the generator, and of the formulas
+        with monkeypatch.context() as patch:
+            patch.setattr(block, version, 99)
+            assert name() != first
     assert name() == first
     assert {"difficulty", "frame", "cell_size", "first", "count"} <= set(json.loads(definition_of("train", 0, 2)))
 

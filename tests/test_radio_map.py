@@ -488,7 +488,7 @@ def test_a_pickle_in_place_of_a_map_is_never_unpickled(tmp_path):
         ({"cell_size": np.ones(2)}, "scalar"),
         ({"origin": np.zeros(3)}, "origin=.* must be two finite numbers"),
         ({"origin": np.array([0, nan])}, "origin=.* must be two finite numbers"),
-        ({"origin": 0.0}, "iterable"),
+        ({"origin": 0.0}, "origin=0.0 must be two finite numbers"),
     ],
 )
 def test_an_archive_of_other_arrays_is_no_map(change, message, tmp_path):

@@ -41,10 +41,17 @@ def test_each_cell_is_served_by_the_best_transmitter():
     np.testing.assert_allclose(radio_map.gain_db[:, 0], [-60, -50], atol=1e-5)
 
 
-def test_cells_without_any_path_and_cells_not_free_are_blocked():
+def test_a_free_cell_without_any_path_stays_free_and_receives_nothing():
     free = np.array([[True, True], [False, True]])
     radio_map = from_sionna(traced([[[1e-6, 1e-6], [0.0, 1e-6]]]), free)
-    assert radio_map.free.tolist() == [[True, False], [False, True]]
+    np.testing.assert_array_equal(radio_map.free, free)
+    np.testing.assert_allclose(radio_map.gain_db, [[-60, -np.inf], [-np.inf, -60]], atol=1e-5)
+    assert radio_map.feasible(-100.0).tolist() == [[True, False], [False, True]]
+
+
+def test_without_free_cells_told_those_without_any_path_are_blocked():
+    radio_map = from_sionna(traced([[[1e-6, 1e-6], [0.0, 1e-6]]]))
+    assert radio_map.free.tolist() == [[True, False], [True, True]]
 
 
 @pytest.mark.parametrize(

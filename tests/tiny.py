@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from agents.algorithms import ALGORITHMS
-from agents.arrays import read_arrays
 from agents.checkpoint import Run
 from irs_gym import RadioMap
+from irs_gym.files import read_arrays
 from train.__main__ import main
 
 _RUN = split("--eval-every 64 --checkpoint-every 96 --env.patch-radius 1 --no-progress")

@@ -121,7 +121,7 @@ def _colours(view: View, gain_db: Floats) -> Floats:
 
 def _gain_range(view: View) -> tuple[float, float]:
     """Least and greatest gain of the map in dB, at least 1 dB apart."""
-    gains = view.gain_db[~view.is_obstacle]
+    gains = view.gain_db[np.isfinite(view.gain_db)]
     low, high = float(gains.min()), float(gains.max())
     widening = max(0.0, 1.0 - (high - low)) / 2
     return low - widening, high + widening

@@ -32,6 +32,8 @@ class View:
         Cells ``(i, j)``.
     oracle_cells
         Shape ``(D, 2)``: the cells of the shortest path, possibly none.
+    free
+        Bool, shape ``(X, Y)``: cells that a robot can enter; by default those of a finite gain.
     size
         Longest side of the picture in px, 320 or more.
 
@@ -49,11 +51,14 @@ class View:
     start: Cell
     goal: Cell
     oracle_cells: NDArray[np.integer[Any]]
+    free: NDArray[np.bool_] | None = None
     size: int = 512
 
     def __post_init__(self) -> None:
         if self.gain_db.shape != self.grid.shape:
             raise ValueError(f"gain_db has shape {self.gain_db.shape}, but the grid {self.grid.shape}")
+        if self.free is not None and self.free.shape != self.grid.shape:
+            raise ValueError(f"free has shape {self.free.shape}, but the grid {self.grid.shape}")
         if not np.isfinite(self.gain_db).any() or not np.all(self.gain_db < np.inf):
             raise ValueError("gain_db must hold a finite gain in at least one cell, and neither NaN nor +inf")
         if not np.isfinite(self.target_db):
@@ -67,7 +72,7 @@ class View:
     @cached_property
     def is_obstacle(self) -> NDArray[np.bool_]:
         """Cells that no robot can enter, shape ``(X, Y)``."""
-        return np.isneginf(self.gain_db)
+        return np.isneginf(self.gain_db) if self.free is None else ~self.free
 
     @cached_property
     def is_below(self) -> NDArray[np.bool_]:

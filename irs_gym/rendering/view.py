@@ -32,10 +32,10 @@ class View:
         Cells ``(i, j)``.
     oracle_cells
         Shape ``(D, 2)``: the cells of the shortest path, possibly none.
-    free
-        Bool, shape ``(X, Y)``: cells that a robot can enter; by default those of a finite gain.
     size
         Longest side of the picture in px, 320 or more.
+    free
+        Bool, shape ``(X, Y)``: cells that a robot can enter; by default those of a finite gain.
 
     Raises
     ------
@@ -51,8 +51,8 @@ class View:
     start: Cell
     goal: Cell
     oracle_cells: NDArray[np.integer[Any]]
-    free: NDArray[np.bool_] | None = None
     size: int = 512
+    free: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         if self.gain_db.shape != self.grid.shape:

@@ -6,7 +6,6 @@ from operator import index
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, tabulate
@@ -65,16 +64,6 @@ def checked_options(options: dict[str, Any] | None, more: str | None = None) -> 
         may_hold = "start and goal, cells (i, j)" + (f", and {more}" if more else "")
         raise ValueError(f"options has the unknown key {', '.join(unknown)}: it may hold {may_hold}")
     return {name: value if name == more else as_cell(value, name) for name, value in (options or {}).items()}
-
-
-def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
-    """The autoreset mode of that name; a ``ValueError`` lists the known ones for an unknown one."""
-    if isinstance(mode, AutoresetMode):
-        return mode
-    for each in AutoresetMode:
-        if mode in (each.value, each.name, each.name.lower()):
-            return each
-    raise ValueError(f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}")
 
 
 def checked_count(name: str, value: Any) -> int:

@@ -5,17 +5,18 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from irs_gym.atlas import Atlas, build_atlas
+from irs_gym.autoreset import AutoresetMode, checked_mode
 from irs_gym.dynamics import ACTIONS, choose_start, draw_start, draws_start, start_cells, tables_for
 from irs_gym.fleet import Fleet
 from irs_gym.grid import Cell
 from irs_gym.ground import RngOf, States
 from irs_gym.infos import TOLD, Step, Told, everywhere
-from irs_gym.interface import METADATA, checked_count, checked_mode, checked_options, checked_render_mode, each_seed
+from irs_gym.interface import METADATA, checked_count, checked_options, checked_render_mode, each_seed
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
 from irs_gym.task import World
 

@@ -5,16 +5,17 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from irs_gym.autoreset import AutoresetMode, checked_mode
 from irs_gym.dynamics import ACTIONS, check_task, choose_start, tables_for
 from irs_gym.fleet import Fleet
 from irs_gym.grid import Cell
 from irs_gym.ground import RngOf, States
 from irs_gym.infos import TOLD
-from irs_gym.interface import METADATA, checked_count, checked_mode, checked_options, checked_render_mode, each_seed
+from irs_gym.interface import METADATA, checked_count, checked_options, checked_render_mode, each_seed
 from irs_gym.observation import build_observer
 from irs_gym.stack import build_stack
 from irs_gym.task import Task, World, build_world, task_of

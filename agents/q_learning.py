@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.algorithms import Algorithm
 from agents.settings import AgentConfig
-from agents.sight import decode
+from agents.sight import decode, is_cell
 
 if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback
@@ -150,4 +150,4 @@ class QLearning:
 
     def _decode(self, observation: Any) -> NDArray[np.int64]:
         """Flat cells of the robots."""
-        return decode(observation, self.shape)[0]
+        return np.asarray(observation) if is_cell(observation) else decode(observation, self.shape)[0]

@@ -99,14 +99,16 @@ def roll_out(
         observation, reward, is_terminated, is_truncated, info = env.step(int(action))
         steps, total_reward = steps + 1, total_reward + float(reward)
         is_over, has_missed = is_terminated or is_truncated, has_missed or info["cost"] > 0
+    robot: Any = env.unwrapped
+    path = np.asarray(robot.path)
     return Episode(
         is_success=info["is_success"],
         distance=info["distance"],
         oracle_distance=start["oracle_distance"],
         spl=info["spl"],
-        progress=0.0 if has_missed else max(0.0, 1.0 - info["distance_to_go"] / start["oracle_distance"]),
-        refused=info["refused"],
+        progress=0.0 if has_missed else max(0.0, 1.0 - robot.distance_to_go / start["oracle_distance"]),
+        refused=steps - (len(path) - 1),
         steps=steps,
         total_reward=total_reward,
-        path=np.asarray(env.unwrapped.path),  # type: ignore[attr-defined]
+        path=path,
     )

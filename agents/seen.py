@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.sight import unmasked
 from irs_gym.observation import scaled_margin
 from irs_gym.pool import Pool
 
@@ -72,6 +73,7 @@ def parts_of(observation: Any) -> tuple[Floats, Floats]:
     ValueError
         Where the observation is no local one: a map, or flat with the phase shifts of `IrsNav-v0` between its parts.
     """
+    observation = unmasked(observation)
     if isinstance(observation, Mapping):
         patches, settings = np.asarray(observation["gain_patch"]), np.asarray(observation["irs"])[..., :3]
         return patches.reshape(-1, *patches.shape[-2:]), settings.reshape(-1, 3)

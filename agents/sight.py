@@ -19,10 +19,18 @@ def decode(observation: Any, shape: tuple[int, int]) -> tuple[Ints, Ints]:
     Parameters
     ----------
     observation
-        One observation or a batch, as a dict, flat, or a map.
+        One observation or a batch, as a dict, flat, masked, or a map.
     shape
         Of the grid, ``(X, Y)``.
+
+    Raises
+    ------
+    ValueError
+        Where the observation is a cell alone, which tells no goal.
     """
+    observation = unmasked(observation)
+    if is_cell(observation):
+        raise ValueError("observation='cell' tells no goal: this policy needs 'dict', 'flat', 'masked' or 'map'")
     if not isinstance(observation, Mapping) and observation.shape[-3:] == (4, *shape):
         ends = observation[..., 2:, :, :]
         flat = ends.reshape(*ends.shape[:-2], -1).argmax(axis=-1)
@@ -43,12 +51,13 @@ def seen_feasible(observation: Any, radius: int | None) -> Bools:
     observation
         One observation or a batch.
     radius
-        Of the patch in a dict or flat observation, r; None for a map.
+        Of the patch in a dict, flat or masked observation, r; None for a map.
 
     Returns
     -------
     Shape ``(..., 2r+1, 2r+1)``, the robot in the middle; of a map ``(..., X, Y)``.
     """
+    observation = unmasked(observation)
     if radius is None:
         margin = observation[..., 0, :, :]
     elif isinstance(observation, Mapping):
@@ -57,6 +66,17 @@ def seen_feasible(observation: Any, radius: int | None) -> Bools:
         side = 2 * radius + 1
         margin = observation[..., : side**2].reshape(*observation.shape[:-1], side, side)
     return np.asarray(margin >= 0.0)
+
+
+def is_cell(observation: Any) -> bool:
+    """Whether an observation or a batch tells flat cells and nothing else."""
+    return not isinstance(observation, Mapping) and np.issubdtype(np.asarray(observation).dtype, np.integer)
+
+
+def unmasked(observation: Any) -> Any:
+    """The flat observation beside an action mask; any other as it is."""
+    is_masked = isinstance(observation, Mapping) and "action_mask" in observation
+    return observation["observation"] if is_masked else observation
 
 
 def ahead(values: Floats) -> Floats:

@@ -13,16 +13,12 @@ from stable_baselines3.common.vec_env import VecEnv
 from irs_gym.random_vector_env import IrsNavRandomVectorEnv
 from irs_gym.vector_env import IrsNavVectorEnv
 
-_OPENING_KEYS = ("oracle_distance", "scene_id")  # the latter where there are many scenes
-_FINAL_KEYS = ("distance", "refused", "distance_to_go", "gain_db", "margin_db", "cost", "is_success", "spl", "scene_id")
-
 
 class IrsNavVecEnv(VecEnv):
     """Training with it equals training with a `DummyVecEnv` of single environments, action for action.
 
-    Infos hold what Stable-Baselines3 asks for: ``TimeLimit.truncated`` at each step, and at an end also
-    ``terminal_observation``, ``episode`` (as its `Monitor` gives it), ``is_success`` and the final info's scalars; over
-    many scenes ``scene_id`` as well.
+    Infos are those of the single environment, with ``TimeLimit.truncated`` at each step, and at an end also with
+    ``terminal_observation`` and ``episode``, as Stable-Baselines3's `Monitor` gives it.
 
     Parameters
     ----------

@@ -57,8 +57,8 @@ def __dir__() -> list[str]:
     return sorted([*globals(), *_HOMES])
 
 
-_IRS_NAV = ("irs_gym.env:IrsNavEnv", "irs_gym.vector_env:IrsNavVectorEnv")
-_IRS_NAV_RANDOM = ("irs_gym.random_env:IrsNavRandomEnv", "irs_gym.random_vector_env:IrsNavRandomVectorEnv")
+_IRS_NAV = ("irs_gym.env:make_env", "irs_gym.vector_env:make_vector_env")
+_IRS_NAV_RANDOM = ("irs_gym.random_env:make_env", "irs_gym.random_vector_env:make_vector_env")
 
 for _id, (_entry_point, _vector_entry_point), _arguments in (
     ("IrsNav-v0", _IRS_NAV, {}),

@@ -87,7 +87,7 @@ class Atlas:
         return Outcome(
             states + self._steps.take(codes),
             self.reward.take(entries),
-            self._travel.take(codes),
+            self._moved.take(codes),
             is_terminated,
             cost,
             is_at_goal,
@@ -96,13 +96,18 @@ class Atlas:
     def observe(self, states: States, out: Rows) -> Rows:  # noqa: D102
         if self.packing.observation == "map":
             return self._observe_maps(states, out)
+        if self.packing.observation == "cell":
+            out[:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
+            return out
         places, patch_end, irs_end = states & _PLACE, self.packing.patch_end, self.packing.irs_end
         scenes = places // self._size
         windows = self.windows[places[:, None] + self._rows]
         out[:, :patch_end] = windows.view(np.float32)
         out[:, patch_end:irs_end] = self.worlds.pool.irs.take(scenes, axis=0)
         out[:, irs_end : irs_end + 2] = self._own.take(places - scenes * self._size, axis=0)
-        out[:, irs_end + 2 :] = self._to_goal.take(states >> _OFFSET, axis=0)
+        out[:, irs_end + 2 : irs_end + 4] = self._to_goal.take(states >> _OFFSET, axis=0)
+        if self.packing.observation == "masked":
+            out[:, irs_end + 4 :] = self.action_mask(states)
         return out
 
     def _observe_maps(self, states: States, out: Rows) -> Rows:
@@ -124,7 +129,7 @@ class Atlas:
         cells = self._cells(states)
         to_go = pool.distance_to_go[scenes, cells[:, 0], cells[:, 1]]
         for n in np.flatnonzero((goals != pool.goal[scenes]).any(axis=1)).tolist():
-            world, goal = self.errand(states, n)
+            world, goal = self.scene_and_goal(states, n)
             to_go[n] = tabulate(world, goal).distance_to_go[cells[n, 0], cells[n, 1]]
         return np.asarray(to_go)
 
@@ -143,7 +148,7 @@ class Atlas:
         """Names of the scenes."""
         return self._names.take(self.scenes(states))
 
-    def errand(self, states: States, n: int) -> tuple[Any, Cell]:
+    def scene_and_goal(self, states: States, n: int) -> tuple[Any, Cell]:
         """World and goal of robot n."""
         i, j = self.goals(states[[n]])[0].tolist()
         return self.worlds.world(int(self.scenes(states[[n]])[0])), (i, j)
@@ -177,10 +182,10 @@ class Atlas:
         return np.stack([np.zeros_like(steps), steps], axis=-1).ravel()
 
     @cached_property
-    def _travel(self) -> NDArray[np.complex128]:
-        """Metres moved, plus 1j where refused, by code."""
+    def _moved(self) -> NDArray[np.float64]:
+        """Metres really travelled, by code."""
         lengths = MOVE_LENGTHS * self.worlds.pool.cell_size
-        return np.stack([np.full(ACTIONS, 1j), lengths.astype(complex)], axis=-1).ravel()
+        return np.stack([np.zeros(ACTIONS), lengths], axis=-1).ravel()
 
     @cached_property
     def _own(self) -> Rows:

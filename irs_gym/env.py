@@ -1,18 +1,22 @@
 """`IrsNavEnv`: the single environment over one scene, a thin shell over its episodes."""
 
+from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.wrappers import HumanRendering, RenderCollection
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, check_task
 from irs_gym.episode import Episode, begin
-from irs_gym.interface import METADATA, checked_options, checked_render_mode
+from irs_gym.grid import Cell
+from irs_gym.infos import Infos, checked_keys
+from irs_gym.interface import METADATA, PlainSpec, checked_options, checked_render_mode, checked_seed
 from irs_gym.oracle import Path
+from irs_gym.rendering.modes import with_render_mode
 from irs_gym.task import Task, World, build_world, task_of
-from irs_gym.trail import Trail
 
 
 class IrsNavEnv(gymnasium.Env[Any, int]):
@@ -58,8 +62,20 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     target: ``"refuse"`` treats them likewise; ``"allow"`` lets the robot in, with ``info["cost"]`` 1.0 there, and
     the episode is no success.
 
+    ## Info
+    The same keys at the reset and at every step, as plain numbers and arrays:
+
+    - ``distance``: metres travelled; ``oracle_distance``: metres of the shortest feasible path from the start;
+    - ``margin_db``: gain over the target in this cell;
+    - ``action_mask`` (8,): int8, 1 where a move is not refused;
+    - ``cost``: 1.0 where the target is missed; ``is_success``: at the goal, without having missed the target;
+    - ``spl``: success weighted by path length, 0 until there is success.
+
+    ``infos="all"``, or a list of names, gives also ``refused`` (moves refused so far), ``is_refused`` (the last one),
+    ``distance_to_go`` (metres of the shortest feasible path from here, inf where there is none) and ``gain_db``.
+
     ## Arguments
-    The fields of `irs_gym.task.Task`, and ``render_mode`` (``"rgb_array"`` or ``"ansi"``).
+    The fields of `irs_gym.task.Task`, ``infos``, and ``render_mode`` (``"rgb_array"`` or ``"ansi"``).
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNav-v0", num_envs=n, ...)``.
@@ -69,12 +85,14 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     """
 
     metadata: dict[str, Any] = METADATA
+    spec = PlainSpec()
 
-    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+    def __init__(self, *, render_mode: str | None = None, infos: Infos = None, **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        self.world: World = build_world(task_of(arguments))
+        self._keys = checked_keys(infos)
+        self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
-        self._episode = Episode(self.world, self.world.start, self.world.goal)
+        self._episode = Episode(self.world, self.world.start, self.world.goal, self._keys)
         self._episode.is_running = False
         self.observation_space = self._episode.observer.packing.space
         self.action_space: spaces.Discrete = spaces.Discrete(ACTIONS)  # type: ignore[assignment]
@@ -95,12 +113,14 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         return self._episode.oracle
 
     @property
-    def path(self) -> Trail:
-        """Cells of this episode so far, refused moves left out.
-
-        ``info["path"]`` holds it at termination; the step limit is not this environment's, so read it here then.
-        """
+    def path(self) -> list[Cell]:
+        """Cells (i, j) of this episode so far, refused moves left out."""
         return self._episode.path
+
+    @property
+    def distance_to_go(self) -> float:
+        """Metres of the shortest feasible path from the robot's cell to the goal; inf where there is none."""
+        return self._episode.distance_to_go
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``.
@@ -111,8 +131,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; ``options`` may hold ``start`` and ``goal``, cells (i, j)."""
-        super().reset(seed=seed)
-        self._episode = begin(self.world, checked_options(options), self.np_random)
+        super().reset(seed=checked_seed(seed))
+        self._episode = begin(self.world, checked_options(options), self.np_random, self._keys)
         return self._episode.opening()
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -122,3 +142,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     def render(self) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""
         return self._episode.render(self.render_mode)
+
+
+def make_env(render_mode: str | None = None, **arguments: Any) -> gymnasium.Env[Any, int]:
+    """What `gymnasium.make` calls: an `IrsNavEnv` in any render mode of Gymnasium."""
+    return with_render_mode(partial(IrsNavEnv, **arguments), render_mode, HumanRendering, RenderCollection)

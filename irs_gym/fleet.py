@@ -1,4 +1,4 @@
-"""`Fleet`: the episodes of n robots over any ground, with autoreset: what is the same for all vector environments."""
+"""`VectorEpisodes`: the episodes of n robots, with autoreset: what is the same for all vector environments."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -10,38 +10,55 @@ from numpy.typing import NDArray
 
 from irs_gym.autoreset import AutoresetMode
 from irs_gym.grid import Cell
-from irs_gym.ground import Dispatcher, Outcome
-from irs_gym.infos import Infos, Step
+from irs_gym.ground import EpisodeSampler, Outcome
+from irs_gym.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
 from irs_gym.interface import RENDERERS, checked_actions, view_of
 from irs_gym.task import World
-from irs_gym.trail import History, Trail
+from irs_gym.trail import PathHistory
 
 
-class Fleet:
+class VectorEpisodes:
     """What `reset`, `step` and the other methods of a vector environment do; see `IrsNavVectorEnv`."""
 
     def __init__(
-        self, dispatcher: Dispatcher, num_envs: int, max_episode_steps: int, mode: AutoresetMode, copy: bool
+        self,
+        sampler: EpisodeSampler,
+        num_envs: int,
+        max_episode_steps: int,
+        mode: AutoresetMode,
+        copy: bool,
+        infos: Infos,
     ) -> None:
-        """n robots that a dispatcher sends on their way; ``copy`` gives each observation memory of its own."""
+        """n robots whose episodes a sampler begins; see `IrsNavVectorEnv` for the other arguments."""
         n = num_envs
-        self.num_envs, self.max_episode_steps, self.mode, self.copy = n, max_episode_steps, mode, copy
-        self._dispatcher = dispatcher
+        self.num_envs = n
+        self.max_episode_steps = max_episode_steps
+        self.mode = mode
+        self.copy = copy
+        self._sampler = sampler
+        keys = checked_keys(infos, [key for key in sampler.info_values if key not in KEYS])
+        self._infos = InfoBuilder(sampler.info_values, keys)
+        self._tells_refusals = not {"refused", "is_refused"}.isdisjoint(keys)
+
+        # the episode of each robot
         self._states = np.zeros(n, dtype=np.int64)
-        self._travelled = np.zeros(n, dtype=np.complex128)  # metres, plus 1j for each refusal
-        self._oracle_distance = np.zeros(n)
+        self._distance = np.zeros(n)  # metres
+        self._refused = np.zeros(n, dtype=np.int64)
+        self._oracle_distance = np.zeros(n)  # metres
         self._has_violated = np.zeros(n, dtype=bool)
-        self._has_ended = np.zeros(n, dtype=bool)
+        self._has_ended = np.zeros(n, dtype=bool)  # and has not begun anew
         self._num_ended = 0
-        self._clock = 0  # steps of all robots
-        self._deadline = np.zeros(n, dtype=np.int64)  # clock at which each is truncated
+        self._just_ended = np.zeros(n, dtype=bool)  # at the latest step
+        self._history = PathHistory(n, max_episode_steps, sampler.map_shape, sampler.num_maps)
+
+        # time, in steps of all robots
+        self._clock = 0
+        self._deadline = np.zeros(n, dtype=np.int64)  # at which each is truncated
         self._first_deadline = 0
+
         self._rngs: list[np.random.Generator | None] = [None] * n
         self._is_reset = False
-        self._history = History(n, max_episode_steps + 1, dispatcher.map_shape, dispatcher.num_maps)
-        self._buffer = np.empty((n, dispatcher.packing.width), dtype=np.float32)
-        self._everywhere = np.ones(n, dtype=bool)
-        self._everywhere.setflags(write=False)
+        self._buffer = np.empty((n, sampler.packing.width), dtype=np.float32)
 
     def reset(self, seeds: Sequence[int | None] | None, options: dict[str, Any] | None) -> tuple[Any, dict[str, Any]]:
         """Start an episode everywhere, or in the environments of ``options["reset_mask"]``."""
@@ -50,10 +67,14 @@ class Fleet:
         chosen = np.flatnonzero(mask)
         if seeds is not None:
             self._seed(seeds, chosen)
+
         self._begin(chosen, options)
         self._is_reset = True
-        step = self._step(np.zeros(self.num_envs, dtype=complex), None, np.zeros(self.num_envs, dtype=bool))
-        return self._observe(), self._with_oracle(Infos(step._replace(everywhere=mask)), chosen)
+        self._just_ended = np.zeros(self.num_envs, dtype=bool)
+
+        step = self._opening()
+        infos = self._infos.everywhere(step) if mask.all() else self._infos.of(step, chosen)
+        return self._observe(), infos
 
     def step(
         self, actions: Any
@@ -62,87 +83,114 @@ class Fleet:
         self._check_running()
         checked = checked_actions(actions, self.num_envs)
         self._clock += 1
-        resumed = self._resume() if self._num_ended else None
-        outcome = self._dispatcher.ground.move(self._states, checked)
+
+        # autoreset in the next step: robots that have ended begin anew in place of a move
+        resumed = np.flatnonzero(self._has_ended) if self._num_ended else None
         if resumed is not None:
-            outcome.clear(resumed, self._states[resumed])
-        states, reward, travel, terminated, cost, _ = outcome
+            self._begin(resumed, {})
+        before = self._states
+        outcome = self._sampler.ground.move(before, checked)
+        if resumed is not None:
+            outcome.clear(resumed, before[resumed])
+
+        # add up
+        self._states = outcome.states
+        self._distance += outcome.moved
+        is_refused = None
+        if self._tells_refusals:
+            is_refused = outcome.states == before  # a move that is not refused leads to another cell
+            if resumed is not None:
+                is_refused[resumed] = False
+            self._refused += is_refused
+        self._history.advance(self._sampler.ground.cells(outcome.states))
         is_success = self._judge(outcome)
 
-        self._states = states
-        self._travelled = self._travelled + travel
-        self._history.advance(self._dispatcher.ground.cells(states))
-        is_late = self._clock >= self._first_deadline
-        truncated = self._deadline <= self._clock if is_late else np.zeros(self.num_envs, dtype=bool)
-        self._has_ended = terminated | truncated
+        # end
+        truncated = self._truncated()
+        self._has_ended = outcome.is_terminated | truncated
         self._num_ended = int(np.count_nonzero(self._has_ended))
+        self._just_ended = self._has_ended
 
-        step = self._step(travel, cost, is_success)
-        infos = self._end(step, np.flatnonzero(self._has_ended)) if self._num_ended else Infos(step)
-        if resumed is not None:
-            self._with_oracle(infos, resumed)
-        return self._observe(), reward, terminated, truncated, infos
+        step = self._step(is_refused, outcome.cost, is_success)
+        if self._num_ended and self.mode is AutoresetMode.SAME_STEP:
+            infos = self._end(step, np.flatnonzero(self._has_ended))
+        else:
+            infos = self._infos.everywhere(step)
+        return self._observe(), outcome.reward, outcome.is_terminated, truncated, infos
+
+    def paths(self) -> list[list[Cell]]:
+        """Cells (i, j) of each robot's episode, refused moves left out.
+
+        Where an episode ended at the latest step, they are its cells, whether or not the robot has begun anew.
+        """
+        has_begun_anew = self._just_ended & ~self._has_ended
+        return [self._history.path(i, of_last_episode=has_begun_anew[i]) for i in range(self.num_envs)]
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``."""
-        return self._dispatcher.ground.action_mask(self._states).astype(bool)
+        return self._sampler.ground.action_mask(self._states).astype(bool)
 
     def render(self, mode: str | None) -> tuple[Any, ...] | None:
         """A picture or text for each robot; None without a mode."""
         return None if mode is None else tuple(self._picture(i, mode) for i in range(self.num_envs))
 
-    def errand(self, i: int) -> tuple[World, Cell]:
+    def scene_and_goal(self, i: int) -> tuple[World, Cell]:
         """World and goal of robot i."""
-        return self._dispatcher.errand(self._states, i)
+        return self._sampler.scene_and_goal(self._states, i)
 
     # --- episodes ---------------------------------------------------------------------------------------------------
 
     def _begin(self, chosen: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Start an episode for the chosen robots."""
-        # Infos hold on to the arrays so far: episodes begin in new ones.
-        self._states = self._dispatcher.begin(self._states, chosen, options, self._rng)
-        ground, begun = self._dispatcher.ground, self._states[chosen]
-        self._oracle_distance = _with(self._oracle_distance, chosen, ground.distance_to_go(begun))
-        self._travelled = _with(self._travelled, chosen, 0)
+        self._states = self._sampler.begin(self._states, chosen, options, self._rng)
+        ground = self._sampler.ground
+        begun = self._states[chosen]
+
+        self._distance[chosen] = 0.0
+        self._refused[chosen] = 0
+        self._oracle_distance[chosen] = ground.distance_to_go(begun)
         self._has_violated[chosen] = False
-        self._has_ended = _with(self._has_ended, chosen, False)
-        self._deadline[chosen] = self._clock + self.max_episode_steps
-        self._first_deadline = int(self._deadline.min())
-        self._num_ended = int(np.count_nonzero(self._has_ended))
         self._history.begin(chosen, ground.cells(begun))
 
-    def _resume(self) -> NDArray[np.int64]:
-        """Begin anew where the last step ended an episode."""
-        ended = np.flatnonzero(self._has_ended)
-        self._begin(ended, {})
-        return ended
+        has_ended = self._has_ended.copy()  # not in place: the last step's flags are told apart from it
+        has_ended[chosen] = False
+        self._has_ended = has_ended
+        self._num_ended = int(np.count_nonzero(has_ended))
+        self._deadline[chosen] = self._clock + self.max_episode_steps
+        self._first_deadline = int(self._deadline.min())
 
     def _judge(self, outcome: Outcome) -> NDArray[np.bool_]:
         """Whether the step reaches the goal of an episode without violations."""
         if outcome.cost is None:
-            return outcome.is_at_goal
-        if self._dispatcher.is_violable:
+            return outcome.is_at_goal.copy()  # which may be the flags of the ends as well
+        if self._sampler.is_violable:
             self._has_violated |= outcome.cost > 0
         return outcome.is_at_goal & ~self._has_violated
 
-    def _end(self, step: Step, ended: NDArray[np.int64]) -> Infos:
-        """Infos with the paths of the episodes that ended; with autoreset in the same step, begins anew as well."""
-        is_ended, steps = self._has_ended, self._clock - (self._deadline[ended] - self.max_episode_steps)
-        trails = self._history.trails(ended, steps)
-        paths = {"path": lambda _: _objects(self.num_envs, ended, trails()), "_path": lambda _: is_ended.copy()}
-        if self.mode is not AutoresetMode.SAME_STEP:
-            return Infos(step, more=paths)
+    def _truncated(self) -> NDArray[np.bool_]:
+        """Which episodes are at their step limit."""
+        if self._clock < self._first_deadline:
+            return np.zeros(self.num_envs, dtype=bool)
+        return self._deadline <= self._clock
 
-        final = Infos(step._replace(everywhere=is_ended), is_ended, paths)
-        packing = self._dispatcher.packing
-        rows = np.empty((len(ended), packing.width), dtype=np.float32)
-        rows = self._dispatcher.ground.observe(self._states[ended], rows)
-        final_obs = _objects(self.num_envs, ended, map(packing.unpack, rows))
+    def _end(self, step: Step, ended: NDArray[np.int64]) -> dict[str, Any]:
+        """Begin anew where episodes ended; infos of the new ones, and of the last step of the old ones."""
+        packing = self._sampler.packing
+        final_rows = np.empty((len(ended), packing.width), dtype=np.float32)
+        final_rows = self._sampler.ground.observe(self._states[ended], final_rows)
+        final = {
+            "final_obs": _objects(self.num_envs, ended, map(packing.unpack, final_rows)),
+            "_final_obs": self._just_ended.copy(),
+            "final_info": self._infos.of(step, ended),
+            "_final_info": self._just_ended.copy(),
+        }
+
         self._begin(ended, {})
-        fresh = (None if each is None else _with(each, ended, 0) for each in (step.travel, step.cost, step.is_success))
-        infos = self._with_oracle(Infos(self._step(*fresh)), ended)
-        infos.update(final_obs=final_obs, _final_obs=is_ended, final_info=final, _final_info=is_ended)
-        return infos
+        for each in (step.is_refused, step.cost):
+            if each is not None:
+                each[ended] = 0
+        is_success = step.is_success & ~self._just_ended
+        return {**self._infos.everywhere(self._step(step.is_refused, step.cost, is_success)), **final}
 
     def _rng(self, i: int) -> np.random.Generator:
         rng = self._rngs[i]
@@ -151,9 +199,7 @@ class Fleet:
         return rng
 
     def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.int64]) -> None:
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed holds {len(seeds)} numbers for {self.num_envs} environments")
-        if self._dispatcher.is_random:  # the only use of randomness
+        if self._sampler.is_random:  # the only use of randomness
             for i in chosen:
                 if seeds[i] is not None:
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
@@ -162,25 +208,32 @@ class Fleet:
 
     def _observe(self) -> Any:
         out = np.empty_like(self._buffer) if self.copy else self._buffer
-        return self._dispatcher.packing.unpack(self._dispatcher.ground.observe(self._states, out))
+        return self._sampler.packing.unpack(self._sampler.ground.observe(self._states, out))
 
-    def _step(self, travel: Any, cost: Any, is_success: Any) -> Step:
-        travelled, shortest, by = self._travelled, self._oracle_distance, self._dispatcher
-        return Step(by.ground, self._states, travel, travelled, cost, is_success, shortest, self._everywhere, by.told)
+    def _opening(self) -> Step:
+        """As after a step in which nothing happened."""
+        return self._step(None, None, np.zeros(self.num_envs, dtype=bool))
 
-    def _with_oracle(self, infos: Infos, chosen: NDArray[np.int64]) -> Infos:
-        infos["oracle_distance"], infos["_oracle_distance"] = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
-        infos["oracle_distance"][chosen] = self._oracle_distance[chosen]
-        infos["_oracle_distance"][chosen] = True
-        return infos
+    def _step(
+        self, is_refused: NDArray[np.bool_] | None, cost: NDArray[np.float64] | None, is_success: NDArray[np.bool_]
+    ) -> Step:
+        return Step(
+            self._sampler.ground,
+            self._states,
+            self._distance,
+            self._refused,
+            self._oracle_distance,
+            is_refused,
+            cost,
+            is_success,
+        )
 
     def _picture(self, i: int, mode: str) -> Any:
-        trail, (world, goal) = self._trail(i), self.errand(i)
-        return RENDERERS[mode](view_of(world, trail[0], goal), trail)
-
-    def _trail(self, i: int) -> Trail:
-        steps = self._clock - (self._deadline[[i]] - self.max_episode_steps)
-        return self._history.trails(np.array([i]), steps)()[0]
+        world, goal = self.scene_and_goal(i)
+        if not self._is_reset:  # as a single environment does: where the world's own episode would begin
+            return RENDERERS[mode](view_of(world, world.start, world.goal), [world.start])
+        path = self._history.path(i)
+        return RENDERERS[mode](view_of(world, path[0], goal), path)
 
     # --- what is accepted -------------------------------------------------------------------------------------------
 
@@ -210,10 +263,3 @@ def _objects(count: int, chosen: NDArray[np.int64], objects: Iterable[Any]) -> N
     for i, each in zip(chosen.tolist(), objects, strict=True):
         array[i] = each
     return array
-
-
-def _with(values: NDArray[Any], chosen: NDArray[np.int64], new: Any) -> NDArray[Any]:
-    """A copy with new values for the chosen robots."""
-    values = values.copy()
-    values[chosen] = new
-    return values

@@ -1,4 +1,4 @@
-"""`Ground` and `Dispatcher`: what a fleet of robots moves over, and who sends its robots on their way."""
+"""`Ground` and `EpisodeSampler`: what a fleet of robots moves over, and who sends its robots on their way."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
@@ -21,7 +21,7 @@ class Outcome(NamedTuple):
 
     states: States
     reward: NDArray[np.float64]  # metres
-    travel: NDArray[np.complex128]  # metres moved, plus 1j where refused: two sums in one gather
+    moved: NDArray[np.float64]  # metres really travelled
     is_terminated: NDArray[np.bool_]
     cost: NDArray[np.float64] | None  # None where it is always 0
     is_at_goal: NDArray[np.bool_]
@@ -35,7 +35,7 @@ class Outcome(NamedTuple):
 
 
 class Ground(Protocol):
-    """The rules and the maps for states; frozen, as infos of old steps go on asking it."""
+    """The rules and the maps for states; frozen. What a method returns is the caller's own."""
 
     def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:
         """What actions do in states."""
@@ -59,7 +59,7 @@ class Ground(Protocol):
         """1 where an action is not refused, ``(n, 8)``."""
 
 
-class Dispatcher(Protocol):
+class EpisodeSampler(Protocol):
     """Who starts episodes, and what all of them share."""
 
     packing: Packing
@@ -73,11 +73,11 @@ class Dispatcher(Protocol):
         """What the robots move over now."""
 
     @property
-    def told(self) -> Mapping[str, Callable[[Any], NDArray[Any]]]:
+    def info_values(self) -> Mapping[str, Callable[[Any], NDArray[Any]]]:
         """How each key of the infos is computed from an `irs_gym.infos.Step`."""
 
     def begin(self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf) -> States:
         """States in which the chosen robots begin anew and the others stay where they are; in memory of their own."""
 
-    def errand(self, states: States, i: int) -> tuple[World, Cell]:
+    def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         """World and goal of robot i."""

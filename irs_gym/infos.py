@@ -1,131 +1,122 @@
-"""`Infos`: the infos of a step of many robots, a dict whose arrays are computed when they are first looked at."""
+"""The infos: their keys, and their values for many robots at once, as plain dicts of arrays."""
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.ground import Ground
+from irs_gym.metrics import spl
 
-Told = Mapping[str, Callable[["Step"], NDArray[Any]]]
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
 
 
 class Step(NamedTuple):
-    """What the infos of one step are computed from; none of these arrays is written to again."""
+    """What the infos after a step, or a reset, are made of: arrays ``(n,)``."""
 
     ground: Ground
-    state: NDArray[np.int64]  # (n,)
-    travel: NDArray[np.complex128]  # (n,), of this step: metres moved, plus 1j where refused
-    travelled: NDArray[np.complex128]  # (n,), the same added up over the episode
-    cost: NDArray[np.float64] | None  # (n,), None for none
-    is_success: NDArray[np.bool_]  # (n,)
-    oracle_distance: NDArray[np.float64]  # (n,)
-    everywhere: NDArray[np.bool_]  # (n,), which environments the infos are of
-    told: Told  # how each key is computed
+    states: NDArray[np.int64]
+    # of the episode so far; the environment goes on adding to them
+    distance: Floats  # metres
+    refused: NDArray[np.int64]
+    oracle_distance: Floats  # metres
+    # of this step alone
+    is_refused: Bools | None  # None where none is
+    cost: Floats | None  # None where it is always 0
+    is_success: Bools
+
+    def of(self, chosen: NDArray[np.int64]) -> "Step":
+        """The same for some of the robots."""
+        arrays = (None if each is None else each[chosen] for each in self[1:])
+        return Step(self.ground, *arrays)  # type: ignore[arg-type]
 
 
-def everywhere(step: Step) -> NDArray[np.bool_]:
-    """Which environments have a key that all have."""
-    return step.everywhere.copy()
+Values = Mapping[str, Callable[[Step], NDArray[Any]]]
 
 
-def _spl(step: Step) -> NDArray[np.float64]:
-    shortest, travelled = step.oracle_distance, step.travelled.real
-    return np.divide(shortest, np.maximum(shortest, travelled), out=np.zeros(len(shortest)), where=step.is_success)
+def _is_refused(step: Step) -> Bools:
+    return np.zeros(len(step.states), dtype=bool) if step.is_refused is None else step.is_refused
 
 
-TOLD: dict[str, Callable[[Step], NDArray[Any]]] = {
-    "distance": lambda step: step.travelled.real.copy(),
-    "refused": lambda step: step.travelled.imag.astype(np.int64),
-    "distance_to_go": lambda step: step.ground.distance_to_go(step.state),
-    "gain_db": lambda step: step.ground.gain_db(step.state),
-    "margin_db": lambda step: step.ground.margin_db(step.state),
-    "action_mask": lambda step: step.ground.action_mask(step.state),
-    "is_refused": lambda step: step.travel.imag > 0,
-    "cost": lambda step: np.zeros(len(step.state)) if step.cost is None else step.cost.copy(),
-    "is_success": lambda step: step.is_success.copy(),
+def _cost(step: Step) -> Floats:
+    return np.zeros(len(step.states)) if step.cost is None else step.cost
+
+
+def _spl(step: Step) -> Floats:
+    if not np.count_nonzero(step.is_success):  # as nearly always
+        return np.zeros(len(step.states))
+    return spl(step.is_success, step.oracle_distance, step.distance)
+
+
+# One set of keys: at a reset, midway and at the end, in the single environment too. Each array is a fresh one.
+VALUES: Values = {
+    "distance": lambda step: step.distance.copy(),
+    "refused": lambda step: step.refused.copy(),
+    "distance_to_go": lambda step: step.ground.distance_to_go(step.states),
+    "gain_db": lambda step: step.ground.gain_db(step.states),
+    "margin_db": lambda step: step.ground.margin_db(step.states),
+    "action_mask": lambda step: step.ground.action_mask(step.states),
+    "is_refused": _is_refused,
+    "cost": _cost,
+    "is_success": lambda step: step.is_success,
     "spl": _spl,
+    "oracle_distance": lambda step: step.oracle_distance.copy(),
 }
-TOLD |= {f"_{key}": everywhere for key in tuple(TOLD)}
+KEYS = tuple(VALUES)
+ON_REQUEST = ("refused", "is_refused", "distance_to_go", "gain_db")  # else a step would take a third longer
+
+Infos = Sequence[str] | Literal["all"] | None  # what a user may ask for
 
 
-class Infos(dict[str, Any]):
-    """A dict of arrays ``(n, ...)`` for each key of the single environment's info, with a mask ``_key`` each.
+def checked_keys(infos: Infos, more: Sequence[str] = ()) -> tuple[str, ...]:
+    """Keys that a user asks for, in one order: of `KEYS` and those of the environment beside them.
 
-    It reads like any dict. Asking for one key computes that key; whatever looks at all of them computes all.
+    ``None`` stands for all but those `ON_REQUEST`. Raises ``ValueError`` for what are no known keys.
     """
-
-    def __init__(
-        self,
-        step: Step,
-        chosen: NDArray[np.bool_] | None = None,
-        more: Told = MappingProxyType({}),
-    ) -> None:
-        """Infos of a step; with ``chosen`` ``(n,)``, of those environments alone, and zero for the others.
-
-        ``more`` holds how further keys are computed.
-        """
-        super().__init__()
-        self.step, self._chosen = step, chosen
-        self._values: Told = {**step.told, **more} if more else step.told
-
-    def __missing__(self, key: str) -> Any:
-        value = self._values[key](self.step)
-        if self._chosen is not None:
-            value = only(value, self._chosen)
-        self[key] = value
-        return value
-
-    def __contains__(self, key: object) -> bool:
-        return key in self._values or super().__contains__(key)
-
-    def get(self, key: str, default: Any = None) -> Any:
-        """The value of a key, or the default."""
-        return self[key] if key in self else default  # noqa: SIM401
-
-    def fill(self) -> "Infos":
-        """Compute all that has not been looked at."""
-        for key in self._values:
-            if not super().__contains__(key):
-                self.__missing__(key)
-        self._values = {}  # all is there: a key that is deleted from now on stays away
-        return self
-
-    def __reduce__(self) -> Any:
-        return dict, (list(self.items()),)
+    known = (*KEYS, *more)
+    if infos is None:
+        return tuple(key for key in known if key not in ON_REQUEST)
+    if isinstance(infos, str) and infos == "all":
+        return known
+    is_list = isinstance(infos, Sequence) and not isinstance(infos, str)
+    if not is_list or not all(key in known for key in infos):
+        raise ValueError(f"infos={infos!r} must be None, 'all', or a list of some of {', '.join(known)}")
+    return tuple(key for key in known if key in infos)
 
 
-def _seen_whole(name: str) -> Callable[..., Any]:
-    method = getattr(dict, name)
+class InfoBuilder:
+    """Makes the infos of a vector environment: for each key an array ``(n, ...)``, and a mask ``_key`` ``(n,)``."""
 
-    def seen_whole(self: Infos, *arguments: Any) -> Any:
-        return method(self.fill(), *arguments)
+    def __init__(self, values: Values, keys: Sequence[str]) -> None:
+        """Infos with some of the keys that there are values for."""
+        self._entries = [(key, f"_{key}", values[key]) for key in keys]
 
-    seen_whole.__name__ = name
-    seen_whole.__doc__ = method.__doc__
-    return seen_whole
+    def everywhere(self, step: Step) -> dict[str, Any]:
+        """Infos of all environments."""
+        has_key = np.ones(len(step.states), dtype=bool)  # one for all keys, since nobody writes to masks
+        infos: dict[str, Any] = {}
+        for key, mask, value in self._entries:
+            infos[key] = value(step)
+            infos[mask] = has_key
+        return infos
+
+    def of(self, step: Step, chosen: NDArray[np.int64]) -> dict[str, Any]:
+        """Infos of the chosen environments, and zero (or None) for all others."""
+        has_key = np.zeros(len(step.states), dtype=bool)
+        has_key[chosen] = True
+        some = step.of(chosen)
+        infos: dict[str, Any] = {}
+        for key, mask, value in self._entries:
+            infos[key] = spread(value(some), chosen, len(step.states))
+            infos[mask] = has_key
+        return infos
 
 
-for _name in (
-    "__iter__",
-    "__len__",
-    "__eq__",
-    "__ne__",
-    "__repr__",
-    "__or__",
-    "__ror__",
-    "__reversed__",
-    "__delitem__",
-):
-    setattr(Infos, _name, _seen_whole(_name))
-for _name in ("keys", "values", "items", "copy", "pop", "popitem", "setdefault"):
-    setattr(Infos, _name, _seen_whole(_name))
-
-
-def only(values: NDArray[Any], chosen: NDArray[np.bool_]) -> NDArray[Any]:
-    """The values of the chosen environments, zero (or None) elsewhere."""
-    kept = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
-    kept[chosen] = values[chosen]
-    return kept
+def spread(values: NDArray[Any], chosen: NDArray[np.int64], count: int) -> NDArray[Any]:
+    """An array ``(count, ...)`` with the values of the chosen environments, and zero (or None) elsewhere."""
+    blank = None if values.dtype == object else 0
+    array = np.full((count, *values.shape[1:]), blank, dtype=values.dtype)
+    array[chosen] = values
+    return array

@@ -1,23 +1,58 @@
 """What both environments share towards their users: metadata, checks of what comes in, pictures."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from enum import Enum
 from functools import lru_cache
 from operator import index
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, tabulate
 from irs_gym.grid import MOVE_NAMES, Cell
 from irs_gym.oracle import descend
+from irs_gym.radio_map import RadioMap
 from irs_gym.rendering import View, draw, text
+from irs_gym.scene import Scene
 from irs_gym.task import World, as_cell
-from irs_gym.trail import Trail
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}
-RENDERERS: dict[str, Callable[[View, Trail], Any]] = {"rgb_array": draw, "ansi": text}
+RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {"rgb_array": draw, "ansi": text}
 _ACTIONS = "an integer from 0 to 7: " + ", ".join(f"{n} {name}" for n, name in enumerate(MOVE_NAMES))
+
+
+class PlainSpec:
+    """The attribute ``spec``: how `gymnasium.make` makes an environment again, kept with arguments that JSON can hold.
+
+    A `Scene` and a `RadioMap` become dicts and a path a string, which the environments take in their place. A `Pool`
+    stays what it is: it is the one argument that JSON cannot hold.
+    """
+
+    def __get__(self, env: Any, kind: Any = None) -> EnvSpec | None:
+        return None if env is None else vars(env).get("_spec")
+
+    def __set__(self, env: Any, spec: EnvSpec | None) -> None:
+        arguments = {} if spec is None else {name: as_data(value) for name, value in spec.kwargs.items()}
+        vars(env)["_spec"] = None if spec is None else replace(spec, kwargs=arguments)
+
+
+def as_data(argument: Any) -> Any:
+    """An argument of an environment as numbers, strings, lists and dicts, where it can be said so."""
+    if isinstance(argument, Scene | RadioMap):
+        return argument.to_data()
+    if isinstance(argument, Enum):  # an autoreset mode
+        return argument.value
+    if isinstance(argument, Path):
+        return str(argument)
+    if isinstance(argument, np.generic | np.ndarray):
+        return argument.tolist()
+    if isinstance(argument, Sequence) and not isinstance(argument, str):
+        return [as_data(each) for each in argument]
+    return argument
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:
@@ -48,10 +83,12 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
             f"actions has the shape {checked.shape} and the type {checked.dtype}, "
             f"but one integer for each of the {count} environments is needed"
         )
-    if int(np.bitwise_or.reduce(checked)) & -ACTIONS:  # any bit above the lowest three, or a sign
-        first = int(np.flatnonzero((checked < 0) | (checked >= ACTIONS))[0])
+    numbers = checked.astype(np.int64, copy=False)
+    is_wrong = numbers.view(np.uint64) >= ACTIONS  # where a negative number is a huge one
+    if np.count_nonzero(is_wrong):
+        first = int(np.flatnonzero(is_wrong)[0])
         raise ValueError(f"actions[{first}]={checked[first]} must be {_ACTIONS}")
-    return checked.astype(np.int64, copy=False)
+    return numbers
 
 
 def checked_options(options: dict[str, Any] | None, more: str | None = None) -> dict[str, Any]:
@@ -73,9 +110,36 @@ def checked_count(name: str, value: Any) -> int:
     return int(value)
 
 
-def each_seed(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None] | None:
-    """A seed for each of ``count`` environments: the given ones, or counted up from one; None for no change."""
-    return [int(seed) + i for i in range(count)] if isinstance(seed, int | np.integer) else seed
+def checked_seed(seed: Any, name: str = "seed") -> int | None:
+    """The seed as an int, which Gymnasium asks for, or None; a ``ValueError`` names what is neither.
+
+    NumPy's integers are taken as well.
+    """
+    if seed is None:
+        return None
+    try:
+        number = index(seed)
+    except TypeError:
+        number = -1
+    if number < 0 or isinstance(seed, bool | np.bool_):
+        raise ValueError(f"{name}={seed!r} must be an integer from 0, or None")
+    return number
+
+
+def each_seed(seed: Any, count: int) -> Sequence[int | None] | None:
+    """A seed for each of ``count`` environments: the given ones, or counted up from one; None for no change.
+
+    Raises ``ValueError`` for a number of seeds that is not ``count``, and for a seed that is none.
+    """
+    if seed is None:
+        return None
+    if not isinstance(seed, Sequence | np.ndarray) or np.ndim(seed) == 0:
+        first = checked_seed(seed)
+        assert first is not None
+        return [first + i for i in range(count)]
+    if len(seed) != count:
+        raise ValueError(f"seed holds {len(seed)} numbers for {count} environments")
+    return [checked_seed(each, f"seed[{i}]") for i, each in enumerate(seed)]
 
 
 @lru_cache(maxsize=32)

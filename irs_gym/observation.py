@@ -10,10 +10,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from irs_gym.dynamics import ACTIONS, action_mask
 from irs_gym.grid import Cell
 from irs_gym.task import Observation, World
 
 MARGIN_SCALE_DB = 5.0  # a margin of this many dB over the target is seen as 1
+_MOST_CELLS = 2**24  # whole numbers up to this one are float32 as well
 _LARGEST_TABLE = 2**27  # bytes: observations of larger worlds are computed as they are asked for
 
 Rows = NDArray[np.float32]
@@ -24,13 +26,18 @@ class Packing:
     """How observations are packed in rows of float32.
 
     In the order of their keys, as `gymnasium.spaces.flatten` packs a Dict: ``gain_patch`` (2r+1, 2r+1), ``irs``
-    (3 + N), ``position`` (4). As a map, a row holds the image (4, X, Y).
+    (3 + N), ``position`` (4). Masked, the action mask (8) follows. As a map, a row holds the image (4, X, Y); as a
+    cell, its flat index. Raises ``ValueError`` for more cells than float32 can number.
     """
 
     observation: Observation
     side: int  # of the patch, 2r+1
     settings: int  # 3 + N
     shape: tuple[int, int]  # of the map, (X, Y)
+
+    def __post_init__(self) -> None:
+        if self.observation == "cell" and prod(self.shape) > _MOST_CELLS:
+            raise ValueError(f"observation='cell' can tell {_MOST_CELLS} cells apart, and {self.shape} are more")
 
     @cached_property
     def patch_end(self) -> int:
@@ -43,30 +50,45 @@ class Packing:
         return self.side**2 + self.settings
 
     @cached_property
-    def width(self) -> int:
-        """Columns of a row, D."""
-        return 4 * prod(self.shape) if self.observation == "map" else self.irs_end + 4
+    def flat_end(self) -> int:
+        """Column of a row behind what a flat observation holds."""
+        return self.irs_end + 4
 
     @cached_property
+    def width(self) -> int:
+        """Columns of a row, D."""
+        others = {"map": 4 * prod(self.shape), "masked": self.flat_end + ACTIONS, "cell": 1}
+        return others.get(self.observation, self.flat_end)
+
+    @property
     def space(self) -> spaces.Space[Any]:
-        """Of one observation."""
+        """Of one observation; a new one each time, as a space holds the randomness of its samples."""
         shapes = {"gain_patch": (self.side, self.side), "irs": (self.settings,), "position": (4,)}
         if self.observation == "dict":
             return spaces.Dict({name: _box(shape) for name, shape in shapes.items()})
+        if self.observation == "masked":
+            mask = spaces.Box(0, 1, (ACTIONS,), dtype=np.int8)
+            return spaces.Dict({"action_mask": mask, "observation": _box((self.flat_end,))})
+        if self.observation == "cell":
+            return spaces.Discrete(prod(self.shape))
         return _box((self.width,) if self.observation == "flat" else (4, *self.shape))
 
     def unpack(self, rows: Rows) -> Any:
-        """Observations of rows ``(..., D)``: views of them, with the leading axes kept."""
+        """Observations of rows ``(..., D)``, with the leading axes kept: views of them, but for masks and cells."""
         if self.observation == "flat":
             return rows
         leading = rows.shape[:-1]
+        if self.observation == "masked":
+            mask = rows[..., self.flat_end :].astype(np.int8)
+            return {"action_mask": mask, "observation": rows[..., : self.flat_end]}
+        if self.observation == "cell":
+            return rows[..., 0].astype(np.int64) if leading else int(rows[0])
         if self.observation == "map":
             return rows.reshape(*leading, 4, *self.shape)
-        patch_end, irs_end = self.patch_end, self.irs_end
         return {
-            "gain_patch": rows[..., :patch_end].reshape(*leading, self.side, self.side),
-            "irs": rows[..., patch_end:irs_end],
-            "position": rows[..., irs_end:],
+            "gain_patch": rows[..., : self.patch_end].reshape(*leading, self.side, self.side),
+            "irs": rows[..., self.patch_end : self.irs_end],
+            "position": rows[..., self.irs_end :],
         }
 
 
@@ -101,6 +123,8 @@ class Observer:
 
     def observe(self, cell: int) -> Any:
         """Observation of one flat cell, in memory of its own."""
+        if self.packing.observation == "cell":
+            return cell
         if self.table is None:
             rows = self.rows(np.array([cell]), np.empty((1, self.packing.width), dtype=np.float32))
             return self.packing.unpack(rows[0])
@@ -116,7 +140,7 @@ def build_observer(world: World, goal: Cell) -> Observer:
     """Observer of a world for one goal; kept, so the same goal costs nothing again."""
     task, shape = world.task, world.radio_map.grid.shape
     packing = Packing(task.observation, 2 * task.patch_radius + 1, world.irs.shape[-1], shape)
-    rows = (_map_rows if task.observation == "map" else _packed_rows)(world, goal, packing)
+    rows = _ROWS.get(task.observation, _packed_rows)(world, goal, packing)
     cells, table = world.feasible.size, None
     # A world whose distances were known beforehand is one of many: it is entered once, and few of its cells are seen.
     if world.to_go is None and task.observation != "map" and cells * packing.width * 4 <= _LARGEST_TABLE:
@@ -147,13 +171,16 @@ def _packed_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArra
     cells = np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)
     own, to_goal = own_positions(cells, shape), vectors_to_goal(cells - np.array(goal), shape)
     irs, columns, patch_end, irs_end = world.irs, shape[1], packing.patch_end, packing.irs_end
+    mask = action_mask(world) if packing.observation == "masked" else None
 
     def rows(at: NDArray[np.int64], out: Rows) -> Rows:
         i, j = np.divmod(at, columns)
         out[:, :patch_end] = windows[i, j].reshape(len(at), patch_end)
         out[:, patch_end:irs_end] = irs[i, j]
         out[:, irs_end : irs_end + 2] = own[at]
-        out[:, irs_end + 2 :] = to_goal[at]
+        out[:, irs_end + 2 : irs_end + 4] = to_goal[at]
+        if mask is not None:
+            out[:, irs_end + 4 :] = mask[at]
         return out
 
     return rows
@@ -173,3 +200,19 @@ def _map_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArray[n
         return out
 
     return rows
+
+
+def _cell_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArray[np.int64], Rows], Rows]:
+    """The cell itself."""
+
+    def rows(at: NDArray[np.int64], out: Rows) -> Rows:
+        out[:, 0] = at
+        return out
+
+    return rows
+
+
+_ROWS: dict[Observation, Callable[[World, Cell, Packing], Callable[[NDArray[np.int64], Rows], Rows]]] = {
+    "map": _map_rows,
+    "cell": _cell_rows,
+}

@@ -2,11 +2,12 @@
 
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
+from math import isfinite
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +73,25 @@ class RadioMap:
         if gain.ndim != 2 or not gain.size:
             raise ValueError(f"gain_db has the shape {gain.shape}, but a map has two axes (X, Y)")
         return cls(gain, grid=Grid((gain.shape[0], gain.shape[1]), cell_size, (*origin,)))
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> "RadioMap":
+        """Map of what `to_data` gives; a ``ValueError`` says what is wrong with it."""
+        if set(data) != {"gain_db", "cell_size", "origin"}:
+            raise ValueError(f"radio_map holds {sorted(map(str, data))}, not gain_db, cell_size and origin")
+        try:
+            gain_db = [[-np.inf if gain is None else gain for gain in row] for row in data["gain_db"]]
+            return cls.from_array(gain_db, data["cell_size"], (*data["origin"],))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"radio_map: {error}") from None
+
+    def to_data(self) -> dict[str, Any]:
+        """The map as JSON can hold it: lists ``gain_db``, with None for -inf, and ``origin``; ``cell_size``."""
+        return {
+            "gain_db": [[gain if isfinite(gain) else None for gain in row] for row in self.gain_db.tolist()],
+            "cell_size": float(self.grid.cell_size),
+            "origin": [float(metres) for metres in self.grid.origin],
+        }
 
     @property
     def free(self) -> NDArray[np.bool_]:

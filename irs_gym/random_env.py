@@ -1,19 +1,23 @@
 """`IrsNavRandomEnv`: the single environment over many scenes, a thin shell over its episodes."""
 
+from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.wrappers import HumanRendering, RenderCollection
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS
 from irs_gym.episode import Episode, begin
-from irs_gym.interface import METADATA, checked_options, checked_render_mode
+from irs_gym.grid import Cell
+from irs_gym.infos import Infos, checked_keys
+from irs_gym.interface import METADATA, PlainSpec, checked_options, checked_render_mode, checked_seed
 from irs_gym.oracle import Path
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.rendering.modes import with_render_mode
 from irs_gym.task import World
-from irs_gym.trail import Trail
 
 
 class IrsNavRandomEnv(gymnasium.Env[Any, int]):
@@ -55,7 +59,8 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     ``gymnasium.make(..., max_episode_steps=n)`` changes that. Refused moves are as in `IrsNavEnv`.
 
     ## Arguments
-    The fields of `irs_gym.random_task.RandomTask`, and ``render_mode`` (``"rgb_array"`` or ``"ansi"``).
+    The fields of `irs_gym.random_task.RandomTask`, ``infos`` (as in `IrsNavEnv`), and ``render_mode``
+    (``"rgb_array"`` or ``"ansi"``).
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNavRandom-v0", num_envs=n, ...)``.
@@ -65,12 +70,15 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     """
 
     metadata: dict[str, Any] = METADATA
+    spec = PlainSpec()
 
-    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+    def __init__(self, *, render_mode: str | None = None, infos: Infos = None, **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        self.worlds: Worlds = build_worlds(random_task_of(arguments))
+        self._keys = checked_keys(infos, ["scene_id"])
+        self._episode_keys = [key for key in self._keys if key != "scene_id"]
+        self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         first = self.worlds.world(0)
-        self._episode = Episode(first, first.start, first.goal)
+        self._episode = Episode(first, first.start, first.goal, self._episode_keys)
         self._episode.is_running = False
         self.observation_space = self._episode.observer.packing.space
         self.action_space: spaces.Discrete = spaces.Discrete(ACTIONS)  # type: ignore[assignment]
@@ -96,9 +104,14 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         return self._episode.oracle
 
     @property
-    def path(self) -> Trail:
-        """Cells of this episode so far, refused moves left out; see `IrsNavEnv.path`."""
+    def path(self) -> list[Cell]:
+        """Cells (i, j) of this episode so far, refused moves left out; see `IrsNavEnv.path`."""
         return self._episode.path
+
+    @property
+    def distance_to_go(self) -> float:
+        """Metres of the shortest feasible path from the robot's cell to the goal; inf where there is none."""
+        return self._episode.distance_to_go
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``; see `IrsNavEnv.action_masks`."""
@@ -106,20 +119,30 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode in another scene; ``options`` may hold ``scene_id``, ``start`` and ``goal``."""
-        super().reset(seed=seed)
+        super().reset(seed=checked_seed(seed))
         given = checked_options(options, "scene_id")
         number = self.worlds.choose(given.pop("scene_id", None), self.np_random)
-        self._episode = begin(self.worlds.world(number), given, self.np_random)
+        self._episode = begin(self.worlds.world(number), given, self.np_random, self._episode_keys)
         self._scene_id = self.worlds.pool.names[number]
         observation, info = self._episode.opening()
-        return observation, {**info, "scene_id": self._scene_id}
+        return observation, self._named(info)
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move once; see the class for what the move does."""
         outcome = self._episode.step(action)
-        outcome[-1]["scene_id"] = self._scene_id
-        return outcome
+        return *outcome[:-1], self._named(outcome[-1])
+
+    def _named(self, info: dict[str, Any]) -> dict[str, Any]:
+        """The info with the scene's name."""
+        if "scene_id" in self._keys:
+            info["scene_id"] = self._scene_id
+        return info
 
     def render(self) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""
         return self._episode.render(self.render_mode)
+
+
+def make_env(render_mode: str | None = None, **arguments: Any) -> gymnasium.Env[Any, int]:
+    """What `gymnasium.make` calls: an `IrsNavRandomEnv` in any render mode of Gymnasium."""
+    return with_render_mode(partial(IrsNavRandomEnv, **arguments), render_mode, HumanRendering, RenderCollection)

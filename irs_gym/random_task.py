@@ -1,6 +1,6 @@
 """`RandomTask`: the arguments of an environment over many scenes, checked, and `Worlds`: all that they fix."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from operator import index
@@ -28,10 +28,11 @@ class RandomTask:
     """Which generated scenes: one of `irs_gym.splits.SPLITS`."""
     num_scenes: int = 1000
     """How many of the split's, from the first on."""
-    scenes: str | Path | Sequence[Scene] | Pool | None = None
-    """A folder of scene files, scenes or a pool, in place of a split; a file's name is its scene's id."""
+    scenes: str | Path | Sequence[Scene | Mapping[str, Any]] | Pool | None = None
+    """A folder of scene files, scenes (or their data as dicts) or a pool, in place of a split; a file's name is its
+    scene's id."""
     observation: Observation = Task.observation
-    """"dict", the same packed as "flat", or the whole "map" as image channels."""
+    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map", or the "cell"."""
     patch_radius: int = Task.patch_radius
     """Cells that the robot sees around itself in each direction."""
     constraint: Constraint = Task.constraint
@@ -63,15 +64,15 @@ class RandomTask:
         return self  # frozen, and so are its scenes
 
 
-def random_task_of(arguments: dict[str, Any]) -> RandomTask:
-    """Task of an environment's keyword arguments; a ``TypeError`` lists the known names for an unknown one."""
-    return RandomTask(**checked_fields(RandomTask, arguments))
+def random_task_of(arguments: dict[str, Any], owner: str = "RandomTask") -> RandomTask:
+    """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an unknown one."""
+    return RandomTask(**checked_fields(RandomTask, arguments, owner))
 
 
 def _scenes(scenes: Any) -> tuple[Scene, ...]:
-    if not isinstance(scenes, Sequence) or not all(isinstance(each, Scene) for each in scenes):
+    if not isinstance(scenes, Sequence) or not all(isinstance(each, Scene | Mapping) for each in scenes):
         raise ValueError(f"scenes={scenes!r} must be a folder of scene files, a sequence of scenes, or a pool")
-    return tuple(scenes)
+    return tuple(each if isinstance(each, Scene) else Scene.from_data(each) for each in scenes)
 
 
 @dataclass(frozen=True, eq=False)

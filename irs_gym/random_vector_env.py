@@ -1,6 +1,7 @@
-"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a thin shell over a fleet of robots."""
+"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a thin shell over their episodes."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,22 @@ from numpy.typing import NDArray
 from irs_gym.atlas import Atlas, build_atlas
 from irs_gym.autoreset import AutoresetMode, checked_mode
 from irs_gym.dynamics import ACTIONS, choose_start, draw_start, draws_start, start_cells, tables_for
-from irs_gym.fleet import Fleet
+from irs_gym.fleet import VectorEpisodes
 from irs_gym.grid import Cell
 from irs_gym.ground import RngOf, States
-from irs_gym.infos import TOLD, Step, Told, everywhere
-from irs_gym.interface import METADATA, checked_count, checked_options, checked_render_mode, each_seed
+from irs_gym.infos import VALUES, Infos, Step, Values
+from irs_gym.interface import (
+    METADATA,
+    PlainSpec,
+    checked_count,
+    checked_options,
+    checked_render_mode,
+    each_seed,
+)
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.rendering.frame_collection import FrameCollection
+from irs_gym.rendering.modes import with_render_mode
+from irs_gym.rendering.window import Window
 from irs_gym.task import World
 
 
@@ -26,7 +37,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
     Parameters
     ----------
-    num_envs, max_episode_steps, autoreset_mode, copy, render_mode
+    num_envs, max_episode_steps, autoreset_mode, copy, render_mode, infos
         As in `irs_gym.vector_env.IrsNavVectorEnv`.
     **arguments
         The fields of `irs_gym.random_task.RandomTask`.
@@ -37,6 +48,8 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
     number for all, or a list of one for each environment; everything else is as in `IrsNavVectorEnv`.
     """
 
+    spec = PlainSpec()
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -44,6 +57,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         render_mode: str | None = None,
+        infos: Infos = None,
         **arguments: Any,
     ) -> None:
         self.num_envs = checked_count("num_envs", num_envs)
@@ -51,13 +65,15 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self.autoreset_mode = checked_mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
-        self.worlds: Worlds = build_worlds(random_task_of(arguments))
-        dispatcher = _Dispatcher(self.worlds)
-        self._fleet = Fleet(dispatcher, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy)
+        self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
+        sampler = _EpisodeSampler(self.worlds)
+        self._episodes = VectorEpisodes(
+            sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
+        )
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.single_observation_space = dispatcher.packing.space
+        self.single_observation_space = sampler.packing.space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     @property
@@ -67,41 +83,51 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
     def world_of(self, i: int) -> World:
         """World of the scene that robot i is in."""
-        return self._fleet.errand(i)[0]
+        return self._episodes.scene_and_goal(i)[0]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in every environment, or in those of ``options["reset_mask"]``."""
+        seeds = each_seed(seed, self.num_envs)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
-        return self._fleet.reset(each_seed(seed, self.num_envs), options)
+        return self._episodes.reset(seeds, options)
 
     def step(
         self, actions: NDArray[np.integer[Any]]
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Move every robot once; see `IrsNavRandomEnv`."""
-        return self._fleet.step(actions)
+        return self._episodes.step(actions)
+
+    def paths(self) -> list[list[Cell]]:
+        """Cells (i, j) of each robot's episode; see `IrsNavVectorEnv.paths`."""
+        return self._episodes.paths()
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``; see `IrsNavEnv.action_masks`."""
-        return self._fleet.action_masks()
+        return self._episodes.action_masks()
 
     def render(self) -> tuple[Any, ...] | None:
         """A picture or text for each environment; None without a render mode."""
-        return self._fleet.render(self.render_mode)
+        return self._episodes.render(self.render_mode)
+
+
+def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
+    """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any render mode of Gymnasium."""
+    return with_render_mode(partial(IrsNavRandomVectorEnv, **arguments), render_mode, Window, FrameCollection)
 
 
 def _scene_id(step: Step) -> NDArray[np.object_]:
-    assert isinstance(step.ground, Atlas)
-    return step.ground.scene_id(step.state)
+    atlas: Atlas = step.ground  # type: ignore[assignment]
+    return atlas.scene_id(step.states)
 
 
-class _Dispatcher:
-    """Starts episodes in many worlds; `irs_gym.ground.Dispatcher` describes its attributes and methods."""
+class _EpisodeSampler:
+    """Starts episodes in many worlds; `irs_gym.ground.EpisodeSampler` describes its attributes and methods."""
 
     is_random = True
-    told: Told = {**TOLD, "scene_id": _scene_id, "_scene_id": everywhere}
+    info_values: Values = {**VALUES, "scene_id": _scene_id}
 
     def __init__(self, worlds: Worlds) -> None:
         self.worlds = worlds
@@ -127,8 +153,8 @@ class _Dispatcher:
         states[chosen] = self.ground.states_of(np.array(numbers), starts, goals)
         return states
 
-    def errand(self, states: States, i: int) -> tuple[World, Cell]:
-        return self.ground.errand(states, i)
+    def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
+        return self.ground.scene_and_goal(states, i)
 
     def _given_ends(
         self, numbers: list[int], given: dict[str, Cell], rngs: list[np.random.Generator]

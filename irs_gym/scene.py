@@ -1,9 +1,11 @@
 """`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated, loaded and saved."""
 
+import json
+from collections.abc import Mapping
 from importlib import resources
 from numbers import Integral
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,6 +197,20 @@ class Scene(_Part):
         if self.start == self.goal:
             mistakes.append(f"goal={self.goal} must differ from start")
         return mistakes
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> "Scene":
+        """Scene of what a scene file holds, as `to_data` gives it; a ``ValueError`` names each field at fault."""
+        try:
+            return cls.model_validate_json(json.dumps(dict(data)), strict=True)
+        except ValidationError as error:
+            raise ValueError(f"scene: {_in_one_line(error)}") from None
+        except TypeError as error:
+            raise ValueError(f"scene holds what JSON cannot: {error}") from None
+
+    def to_data(self) -> dict[str, Any]:
+        """What a scene file holds: numbers, strings, lists and dicts."""
+        return self.model_dump(mode="json")
 
     @property
     def boxes(self) -> Boxes:

@@ -24,11 +24,11 @@ class Stack:
     goals: tuple[Cell, ...]
     next_state: NDArray[np.int64]  # (S * 8,)
     reward: NDArray[np.float64]  # (S * 8,)
-    travel: NDArray[np.complex128]  # (S * 8,): metres moved, plus 1j where refused
+    moved: NDArray[np.float64]  # (S * 8,): metres really travelled
     cost: NDArray[np.float64] | None  # (S * 8,), None where it is always 0
     is_terminated: NDArray[np.bool_]  # (S * 8,)
     is_at_goal: NDArray[np.bool_]  # (S * 8,)
-    mask: NDArray[np.int64]  # (S,), the eight bytes of an action mask as one number
+    mask: NDArray[np.int8]  # (S, 8)
     to_go: NDArray[np.float64]  # (S,)
     gain: NDArray[np.float64]  # (S,)
     margin: NDArray[np.float64]  # (S,)
@@ -39,14 +39,15 @@ class Stack:
         return self.goals.index(goal) * self.world.feasible.size
 
     def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:  # noqa: D102
-        entry = states * ACTIONS + actions
+        entry = states * ACTIONS
+        entry += actions
         terminated = self.is_terminated.take(entry)
         # where moves are refused, only the goal ends an episode
         is_refusing = self.cost is None
         return Outcome(
             self.next_state.take(entry),
             self.reward.take(entry),
-            self.travel.take(entry),
+            self.moved.take(entry),
             terminated,
             None if self.cost is None else self.cost.take(entry),
             terminated if is_refusing else self.is_at_goal.take(entry),
@@ -76,7 +77,7 @@ class Stack:
         return self.margin.take(states)
 
     def action_mask(self, states: States) -> NDArray[np.int8]:  # noqa: D102
-        return self.mask.take(states).view(np.int8).reshape(-1, ACTIONS)
+        return self.mask.take(states, axis=0)
 
 
 def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
@@ -89,11 +90,11 @@ def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
         goals=goals,
         next_state=_join([each.transition["next_cell"] + n * size for n, each in enumerate(tables)]),
         reward=_join([each.transition["reward"] for each in tables]),
-        travel=_join([each.transition["moved"] + 1j * each.transition["is_refused"] for each in tables]),
+        moved=_join([each.transition["moved"] for each in tables]),
         cost=None if world.task.constraint == "refuse" else _join([each.transition["cost"] for each in tables]),
         is_terminated=_join([each.transition["is_terminated"] for each in tables]),
         is_at_goal=_join([each.transition["is_at_goal"] for each in tables]),
-        mask=_join([each.action_mask.view(np.int64).ravel() for each in tables]),
+        mask=_join([each.action_mask for each in tables]),
         to_go=_join([each.cell["distance_to_go"] for each in tables]),
         gain=_join([each.cell["gain_db"] for each in tables]),
         margin=_join([each.cell["margin_db"] for each in tables]),

@@ -1,6 +1,6 @@
 """`Task`: the arguments of an environment, checked, and `World`: all that they fix once and for all."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from math import isfinite
@@ -17,7 +17,7 @@ from irs_gym.radio_map import RadioMap, as_scene, build_phase_shifts, build_radi
 from irs_gym.scene import TARGET_DB, Scene
 
 Constraint = Literal["refuse", "terminate", "allow"]
-Observation = Literal["dict", "flat", "map"]
+Observation = Literal["dict", "flat", "map", "masked", "cell"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +27,8 @@ class Task:
     Raises ``ValueError`` where a value is out of its range; the message names the field.
     """
 
-    scene: str | Path | Scene = "paper"
-    """A scene's name in the package, the path of a scene file, or a scene."""
+    scene: str | Path | Scene | dict[str, Any] = "paper"
+    """A scene's name in the package, the path of a scene file, a scene, or its data as a dict."""
     target_db: float | None = None
     """Lowest expected channel gain in dB that keeps the robot connected; None as the scene says (-61.8 in "paper")."""
     cell_size: float = 0.5
@@ -44,7 +44,7 @@ class Task:
     patch_radius: int = 5
     """Cells that the robot sees around itself in each direction."""
     observation: Observation = "dict"
-    """"dict", the same packed as "flat", or the whole "map" as image channels."""
+    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map", or the "cell"."""
     irs_phases: bool = True
     """Whether the observation holds the phase shift of each sub-surface."""
     constraint: Constraint = "refuse"
@@ -55,14 +55,18 @@ class Task:
     """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
     goal_bonus: float = 10.0
     """Reward at the goal, in metres."""
-    radio_map: str | Path | RadioMap | None = None
-    """A map, or the path of a saved one, in place of the scene's."""
+    radio_map: str | Path | RadioMap | dict[str, Any] | None = None
+    """A map, its data as a dict, or the path of a saved one, in place of the scene's."""
     start: Cell | None = None
     """Cell (i, j) in place of the scene's start; needed with `radio_map`."""
     goal: Cell | None = None
     """Cell (i, j) in place of the scene's goal; needed with `radio_map`."""
 
     def __post_init__(self) -> None:
+        if isinstance(self.scene, Mapping):
+            object.__setattr__(self, "scene", Scene.from_data(self.scene))
+        if isinstance(self.radio_map, Mapping):
+            object.__setattr__(self, "radio_map", RadioMap.from_data(self.radio_map))
         Hardware(self.phase_bits, self.quantiser, self.array_model)
         for name, choices in (("observation", Observation), ("constraint", Constraint)):
             if getattr(self, name) not in get_args(choices):
@@ -94,17 +98,22 @@ class Task:
             raise ValueError(f"{', '.join(given)} cannot be given along with radio_map, which fixes the map")
 
 
-def task_of(arguments: dict[str, Any]) -> Task:
-    """Task of an environment's keyword arguments; a ``TypeError`` lists the known names for an unknown one."""
-    return Task(**checked_fields(Task, arguments))
+def task_of(arguments: dict[str, Any], owner: str = "Task") -> Task:
+    """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an unknown one."""
+    return Task(**checked_fields(Task, arguments, owner))
 
 
-def checked_fields(kind: type[Any], arguments: dict[str, Any]) -> dict[str, Any]:
-    """The arguments, if all are fields of a dataclass; a ``TypeError`` lists them for one that is none."""
+def checked_fields(kind: type[Any], arguments: dict[str, Any], owner: str) -> dict[str, Any]:
+    """The arguments of the class ``owner``, if all are fields of a dataclass.
+
+    A ``TypeError`` lists the fields for an argument that is none, after the words with which Python itself refuses
+    one: TorchRL looks for these, and makes the environment without the argument.
+    """
     known = [each.name for each in fields(kind)]
-    unknown = sorted(set(arguments) - set(known))
+    unknown = [name for name in arguments if name not in known]
     if unknown:
-        raise TypeError(f"unknown argument {', '.join(unknown)}: the arguments are {', '.join(known)} and render_mode")
+        refused = "; ".join(f"{owner}.__init__() got an unexpected keyword argument {name!r}" for name in unknown)
+        raise TypeError(f"{refused}: the arguments are {', '.join(known)} and render_mode")
     return arguments
 
 
@@ -121,8 +130,10 @@ def resolved(task: Task) -> Task:
         Where it is damaged.
     """
     if task.radio_map is not None:
+        assert not isinstance(task.radio_map, dict)  # Task has read its data
         radio_map = task.radio_map if isinstance(task.radio_map, RadioMap) else RadioMap.load(task.radio_map)
         return replace(task, radio_map=radio_map, target_db=_first(task.target_db, TARGET_DB))
+    assert not isinstance(task.scene, dict)  # Task has read its data
     scene = as_scene(task.scene)
     return replace(
         task,

@@ -1,6 +1,7 @@
-"""`IrsNavVectorEnv`: n environments over one scene in one, a thin shell over a fleet of robots."""
+"""`IrsNavVectorEnv`: n environments over one scene in one, a thin shell over their episodes."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,22 @@ from numpy.typing import NDArray
 
 from irs_gym.autoreset import AutoresetMode, checked_mode
 from irs_gym.dynamics import ACTIONS, check_task, choose_start, tables_for
-from irs_gym.fleet import Fleet
+from irs_gym.fleet import VectorEpisodes
 from irs_gym.grid import Cell
 from irs_gym.ground import RngOf, States
-from irs_gym.infos import TOLD
-from irs_gym.interface import METADATA, checked_count, checked_options, checked_render_mode, each_seed
+from irs_gym.infos import VALUES, Infos
+from irs_gym.interface import (
+    METADATA,
+    PlainSpec,
+    checked_count,
+    checked_options,
+    checked_render_mode,
+    each_seed,
+)
 from irs_gym.observation import build_observer
+from irs_gym.rendering.frame_collection import FrameCollection
+from irs_gym.rendering.modes import with_render_mode
+from irs_gym.rendering.window import Window
 from irs_gym.stack import build_stack
 from irs_gym.task import Task, World, build_world, task_of
 
@@ -38,6 +49,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         Whether each observation has memory of its own. Otherwise the next step overwrites it, which is faster.
     render_mode
         ``"rgb_array"`` or ``"ansi"``: `render` gives one picture or text for each environment.
+    infos
+        Keys that the infos hold, see `IrsNavEnv`: ``"all"``, a list of some, or None for those that cost little.
     **arguments
         The fields of `irs_gym.task.Task`.
 
@@ -48,6 +61,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     one for each, and the options ``start``, ``goal`` and ``reset_mask`` (bool, ``(n,)``).
     """
 
+    spec = PlainSpec()
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -55,6 +70,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         render_mode: str | None = None,
+        infos: Infos = None,
         **arguments: Any,
     ) -> None:
         self.num_envs = checked_count("num_envs", num_envs)
@@ -62,14 +78,16 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.autoreset_mode = checked_mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
-        self.world: World = build_world(task_of(arguments))
+        self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
-        dispatcher = _Dispatcher(self.world, self.num_envs)
-        self._fleet = Fleet(dispatcher, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy)
+        sampler = _EpisodeSampler(self.world, self.num_envs)
+        self._episodes = VectorEpisodes(
+            sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
+        )
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.single_observation_space = dispatcher.packing.space
+        self.single_observation_space = sampler.packing.space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     @property
@@ -86,29 +104,42 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in every environment, or in those of ``options["reset_mask"]``."""
+        seeds = each_seed(seed, self.num_envs)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
-        return self._fleet.reset(each_seed(seed, self.num_envs), options)
+        return self._episodes.reset(seeds, options)
 
     def step(
         self, actions: NDArray[np.integer[Any]]
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Move every robot once; see `IrsNavEnv`."""
-        return self._fleet.step(actions)
+        return self._episodes.step(actions)
+
+    def paths(self) -> list[list[Cell]]:
+        """Cells (i, j) of each robot's episode, refused moves left out; see `IrsNavEnv.path`.
+
+        Where an episode ended at the latest step, they are its cells, whether or not the robot has begun anew.
+        """
+        return self._episodes.paths()
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``; see `IrsNavEnv.action_masks`."""
-        return self._fleet.action_masks()
+        return self._episodes.action_masks()
 
     def render(self) -> tuple[Any, ...] | None:
         """A picture or text for each environment; None without a render mode."""
-        return self._fleet.render(self.render_mode)
+        return self._episodes.render(self.render_mode)
 
 
-class _Dispatcher:
-    """Starts episodes in one world; `irs_gym.ground.Dispatcher` describes its attributes and methods."""
+def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
+    """What `gymnasium.make_vec` calls: an `IrsNavVectorEnv` in any render mode of Gymnasium."""
+    return with_render_mode(partial(IrsNavVectorEnv, **arguments), render_mode, Window, FrameCollection)
 
-    told = TOLD
+
+class _EpisodeSampler:
+    """Starts episodes in one world; `irs_gym.ground.EpisodeSampler` describes its attributes and methods."""
+
+    info_values = VALUES
     num_maps = 1
 
     def __init__(self, world: World, num_envs: int) -> None:
@@ -130,7 +161,7 @@ class _Dispatcher:
         states[chosen] = cells + self.ground.first_state(goal)
         return states
 
-    def errand(self, states: States, i: int) -> tuple[World, Cell]:
+    def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         return self.world, self._goals[i]
 
     def _starts(self, chosen: NDArray[np.int64], start: Cell | None, goal: Cell, rng: RngOf) -> NDArray[np.int64]:

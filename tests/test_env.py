@@ -20,7 +20,8 @@ from irs_gym.observation import MARGIN_SCALE_DB
 ID = "irs_gym:IrsNav-v0"
 OBSERVATIONS = ["dict", "flat", "map"]
 CONSTRAINTS = ["refuse", "terminate", "allow"]
-EVERY = [pytest.param(o, c, id=f"{o}-{c}") for o in OBSERVATIONS for c in CONSTRAINTS]
+KINDS = [*((o, c) for o in OBSERVATIONS for c in CONSTRAINTS), ("masked", "terminate"), ("cell", "refuse")]
+EVERY = [pytest.param(o, c, id=f"{o}-{c}") for o, c in KINDS]
 
 
 def make(**kwargs):
@@ -443,7 +444,10 @@ def test_the_target_named_for_an_infeasible_one_is_feasible():
 
 
 def test_unknown_arguments_and_scenes_are_refused_by_name():
-    with pytest.raises(TypeError, match="unknown argument traget_db: the arguments are scene, target_db"):
+    with pytest.raises(
+        TypeError,
+        match=r"IrsNavEnv.__init__\(\) got an unexpected keyword argument .traget_db.: the arguments are scene",
+    ):
         make(traget_db=-61.8)
     with pytest.raises(FileNotFoundError, match="scene='factory' is neither a file nor one of"):
         make(scene="factory")

@@ -89,8 +89,9 @@ class TrainConfig(RunConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_settings(self, "whole", "hold")
-        if isinstance(self.agent, DqnConfig) and self.agent.n_steps > 1 and self.env.observation == "dict":
-            raise ValueError(f"n_steps={self.agent.n_steps} needs observation='flat' or 'map'; 'dict' allows only 1")
+        if isinstance(self.agent, DqnConfig) and self.agent.n_steps > 1 and self.env.observation in ("dict", "masked"):
+            seen = self.env.observation
+            raise ValueError(f"n_steps={self.agent.n_steps} needs observation='flat' or 'map'; {seen!r} allows only 1")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -123,7 +123,7 @@ class Plan(_Table):
 
 def _env_of(default: Task | Scenes, changes: Mapping[str, Any]) -> Task | Scenes:
     arguments = {**arguments_of(default), **changes}
-    return task_of(arguments) if isinstance(default, Task) else Scenes(**checked_fields(Scenes, arguments))
+    return task_of(arguments) if isinstance(default, Task) else Scenes(**checked_fields(Scenes, arguments, "Scenes"))
 
 
 def _seeded(config: TrainConfig | GeneralistConfig, seed: int) -> TrainConfig | GeneralistConfig:

@@ -11,6 +11,7 @@ import sys
 import sysconfig
 import tempfile
 import venv
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from urllib.error import URLError
 from urllib.request import urlopen
@@ -44,12 +45,19 @@ def build(client: str, folder: Path) -> Path:
 
     torch = next(line for line in (ROOT / "constraints.txt").read_text().splitlines() if line.startswith("torch=="))
     (folder / "torch.txt").write_text(torch + "\n")
-    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    wheels = ["--only-binary", ":all:", "--no-binary", SOURCE_ONLY]
-    subprocess.run([*pip, *wheels, "-c", str(folder / "torch.txt"), *CLIENTS[client]], check=True)
+    wheels = ["--only-binary", ":all:", "--no-binary", SOURCE_ONLY, "-c", str(folder / "torch.txt")]
+    install(python, *wheels, *CLIENTS[client])
     if client in ALONE:
-        subprocess.run([*pip, "--no-deps", "--ignore-requires-python", *ALONE[client]], check=True)
+        install(python, "--no-deps", "--ignore-requires-python", *ALONE[client])
     return python
+
+
+def install(python: Path, *arguments: str) -> None:
+    """Run pip, which complains of pins that differ from what lies below; what it says is shown where it fails."""
+    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    done = subprocess.run([*pip, *arguments], check=False, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"pip install {' '.join(arguments)}:\n{done.stdout}{done.stderr}")
 
 
 def fetch_cleanrl(folder: Path) -> dict[str, str]:
@@ -71,13 +79,21 @@ def check(client: str) -> bool:
     """Whether the client's blocks, of which there must be one, pass in an environment of its own."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        python = build(client, folder / "env")
+        try:
+            python = build(client, folder / "env")
+        except RuntimeError as error:
+            print(f"{client}: {error}", flush=True)
+            return False
         settings = fetch_cleanrl(folder) if client == "cleanrl" else {}
-        print(f"{client}: {', '.join(CLIENTS[client] + ALONE.get(client, ()))}", flush=True)
-        tests = [str(python), "-m", "pytest", "--quiet", "-p", "no:cacheprovider", "tests/test_readme.py"]
-        return not subprocess.run(
-            [*tests, "-k", f"needs_{client}"], check=False, cwd=ROOT, env=os.environ | settings
-        ).returncode
+
+        tests = ["-m", "pytest", "--quiet", "-p", "no:cacheprovider", "tests/test_readme.py", "-k", f"needs_{client}"]
+        done = subprocess.run(
+            [str(python), *tests], check=False, cwd=ROOT, env=os.environ | settings, capture_output=True, text=True
+        )
+        shown = done.stdout.strip().splitlines()
+        packages = ", ".join(CLIENTS[client] + ALONE.get(client, ()))
+        print(f"{client} ({packages}): {shown[-1]}" if not done.returncode else done.stdout + done.stderr, flush=True)
+        return not done.returncode
 
 
 def main(clients: list[str]) -> int:
@@ -85,7 +101,10 @@ def main(clients: list[str]) -> int:
     unknown = sorted(set(clients) - set(CLIENTS))
     if unknown:
         sys.exit(f"unknown: {', '.join(unknown)}; the clients are {', '.join(CLIENTS)}")
-    failed = [client for client in clients or CLIENTS if not check(client)]
+    chosen = clients or list(CLIENTS)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        passed = list(pool.map(check, chosen))
+    failed = [client for client, has_passed in zip(chosen, passed, strict=True) if not has_passed]
     print(f"failed: {', '.join(failed)}" if failed else "all clients pass")
     return 1 if failed else 0
 

@@ -1,7 +1,6 @@
-"""`load`: a model from the content of its file, and the class behind each algorithm's name."""
+"""The algorithms by their names, and the classes behind them: `model_class`, `settings_class`, `read_network`."""
 
 from importlib import import_module
-from io import BytesIO
 from typing import Any, Literal, get_args
 
 Algorithm = Literal["ppo", "maskable_ppo", "dqn", "qr_dqn", "q_learning"]
@@ -24,11 +23,16 @@ _CLASSES: dict[Algorithm | Generalist, tuple[str, str]] = {
     "local_ppo": ("stable_baselines3", "PPO"),
     "recurrent_ppo": ("sb3_contrib", "RecurrentPPO"),
 }
-
-
-def keeps_arrays(algorithm: Algorithm | Generalist) -> bool:
-    """Whether its models are files of plain arrays, and not those of SB3."""
-    return algorithm == "q_learning" or algorithm not in _CLASSES
+_SETTINGS: dict[Algorithm | Generalist, tuple[str, str]] = {
+    "ppo": ("agents.ppo", "PpoConfig"),
+    "maskable_ppo": ("agents.maskable_ppo", "MaskablePpoConfig"),
+    "dqn": ("agents.dqn", "DqnConfig"),
+    "qr_dqn": ("agents.qr_dqn", "QrDqnConfig"),
+    "map_ppo": ("agents.local_settings", "MapPpoConfig"),
+    "local_ppo": ("agents.local_settings", "LocalPpoConfig"),
+    "recurrent_ppo": ("agents.local_settings", "RecurrentPpoConfig"),
+}
+STABLE_BASELINES = tuple(_SETTINGS)  # the algorithms of Stable-Baselines3 and sb3-contrib
 
 
 def observation_of(algorithm: Generalist) -> Literal["flat", "map"]:
@@ -37,22 +41,15 @@ def observation_of(algorithm: Generalist) -> Literal["flat", "map"]:
 
 
 def model_class(algorithm: Algorithm | Generalist) -> Any:
-    """The class of an algorithm's models, with SB3's ``learn``, ``predict``, ``save`` and ``load``; imported now."""
+    """The class that learns by an algorithm, with SB3's ``learn`` and ``predict``; imported now."""
     module, name = _CLASSES[algorithm]
     return getattr(import_module(module), name)
 
 
-def load(algorithm: Algorithm | Generalist, content: bytes) -> Any:
-    """The model in the content of a file, to act with.
-
-    A network's file is unpickled in part, which runs what stands in it: load only what is known by its SHA-256. Files
-    of tables, of networks over maps and of explorers hold plain arrays.
-    """
-    if algorithm not in _CLASSES:
-        return read_network(content)
-    # The class of a replay buffer is left out: it is for learning, and SB3 warns of it beside n-step returns.
-    left_out = {"replay_buffer_class": None}
-    return model_class(algorithm).load(BytesIO(content), device="cpu", custom_objects=left_out)
+def settings_class(algorithm: Algorithm | Generalist) -> Any:
+    """The class of the settings of one of `STABLE_BASELINES`; imported now."""
+    module, name = _SETTINGS[algorithm]
+    return getattr(import_module(module), name)
 
 
 def read_network(content: bytes) -> Any:

@@ -1,10 +1,14 @@
 """`Run`: the folder of one training run, which training writes and evaluation reads.
 
-- ``manifest.json``: status, versions, commit, and each model's file with its SHA-256. It makes a folder a run.
+- ``manifest.json``: status, versions, commit, and the SHA-256 of all files below but the curve, signed with a key of
+  the user's own. It makes a folder a run.
 - ``config.json``: algorithm, seed, environment and settings; a scene or map of the user's own is copied beside it.
 - ``learning_curve.csv``: a row for each evaluation during training.
-- ``best-STEPS.zip``, ``last-STEPS.zip`` (``.npz`` for a table or a generalist): models.
+- ``best-STEPS.npz``, ``last-STEPS.npz``: models, as plain arrays.
 - ``checkpoint-STEPS.pickle``: the state of a training that has not ended, to go on from; the newest two.
+
+Nothing but a checkpoint is ever unpickled, and that only where the user goes on with a run: one that the signature
+tells to be of the user's own, or that the user trusts.
 
 Files are replaced as a whole, and a new model gets a new name, so that a run killed at any moment leaves a manifest
 and the files that it names.
@@ -18,15 +22,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
-from io import BytesIO, StringIO
+from io import StringIO
 from pathlib import Path
 from typing import Any, TypeVar
 
 from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
-from agents import provenance
-from agents.algorithms import GENERALISTS, keeps_arrays, load
+from agents import provenance, signature, weights
+from agents.algorithms import GENERALISTS
 from agents.manifest import Config, Entry, GeneralistEntry, Manifest, ModelEntry, Record
 from irs_gym.files import write_file
 from irs_gym.radio_map import RadioMap, as_scene
@@ -66,7 +70,8 @@ class Run:
         try:
             draft.folder.mkdir(parents=True)
             draft._write("config.json", config.model_copy(update={"env": _with_copies(config.env, draft.folder)}))
-            draft._write("manifest.json", Manifest(versions=provenance.versions(), commit=provenance.commit()))
+            origin = {"versions": provenance.versions(), "commit": provenance.commit()}
+            draft._write("manifest.json", _signed(Manifest(files=_digests(draft.folder), **origin)))
             if target.exists():
                 shutil.rmtree(target)
             draft.folder.rename(target)
@@ -95,12 +100,32 @@ class Run:
     @property
     def manifest(self) -> Manifest:
         """Status, versions, commit and models."""
-        return self._read("manifest.json", Manifest)
+        return self._parse("manifest.json", self._content("manifest.json"), Manifest)
 
     @property
     def config(self) -> Config:
-        """Algorithm, seed and settings."""
-        return self._read("config.json", Config)
+        """Algorithm, seed and settings; raises `RunError` where they are not those of the manifest."""
+        return self._parse("config.json", self._checked("config.json"), Config)
+
+    def own_manifest(self) -> Manifest:
+        """The manifest, when this user has signed it; else a `RunError`, as its checkpoint may hold anyone's code."""
+        manifest = self.manifest
+        try:
+            if signature.verify(manifest.content, manifest.signature):
+                return manifest
+            why = f"its manifest is not signed with the key {str(signature.key_file())!r}"
+        except signature.NoKeyError as error:
+            why = f"there is no key to tell by: {error}"
+        raise RunError(
+            f"{str(self.folder)!r} is not known to be made by you on this machine ({why}), and to resume it runs code "
+            "that is stored in its checkpoint, with all your rights: add --trust if you trust whoever made it"
+        )
+
+    def adopt(self) -> Manifest:
+        """Sign the manifest, as it is now, as this user's own; returns it."""
+        manifest = _signed(self.manifest)
+        self._write("manifest.json", manifest)
+        return manifest
 
     @property
     def is_generalist(self) -> bool:
@@ -115,7 +140,11 @@ class Run:
         arguments = dict(self.config.env)
         for name, copy in COPIES.items():
             if arguments.get(name) == copy:
+                self._checked(copy)
                 arguments[name] = self.folder / copy
+            elif arguments.get(name) not in (None, *(scene_names() if name == "scene" else ())):
+                where = str(self.folder / "config.json")
+                raise RunError(f"{where!r}: {name}={arguments[name]!r} is not in the folder: a run has a copy, {copy}")
         try:
             return task_of(arguments)
         except (TypeError, ValueError) as error:
@@ -131,40 +160,44 @@ class Run:
             raise RunError(f"{str(self.folder)!r} is being trained by another process") from None
 
     def update(self, **changes: Any) -> None:
-        """Change fields of the manifest, then remove the files that it no longer names."""
-        manifest = self.manifest.model_copy(update=changes)
-        self._write("manifest.json", manifest)
+        """Change fields of the manifest, then remove the files that it no longer names.
+
+        What this user had not signed stays unsigned.
+        """
+        old = self.manifest
+        manifest = old.model_copy(update=changes)
+        self._write("manifest.json", _signed(manifest) if _is_own(old) else manifest)
         named = {entry.file for entry in (*manifest.models.values(), *manifest.checkpoints)}
         for path in self.folder.iterdir():
             if re.fullmatch(r"\w+-\d+\.(zip|npz|pickle)", path.name) and path.name not in named:
                 path.unlink(missing_ok=True)
 
     def save_model(self, name: str, model: Any, steps: int, **result: Any) -> None:
-        """Write a model under a name (``"best"``, ``"last"``), in place of the one before it.
+        """Write what acts of a model under a name (``"best"``, ``"last"``), in place of the one before it.
 
         ``result`` is how it did in its test: the other fields of `ModelEntry`, or for a generalist of
         `GeneralistEntry`.
         """
-        buffer = BytesIO()
-        model.save(buffer)
-        file = f"{name}-{steps}.{'npz' if keeps_arrays(self.config.algorithm) else 'zip'}"
-        digest = self._write_hashed(file, buffer.getvalue())
+        file = f"{name}-{steps}.npz"
+        digest = self._write_hashed(file, weights.pack(self.config, model))
         kind = GeneralistEntry if self.is_generalist else ModelEntry
         entry = kind(file=file, sha256=digest, steps=steps, **result)
         self.update(models={**self.manifest.models, name: entry})
 
     def load_model(self, name: str = "best") -> Any:
-        """The model of that name.
-
-        Reading a network unpickles parts of its file, so a file is read only where the manifest holds its SHA-256.
-        That guards against files that were damaged or exchanged, not against a folder whose maker means harm.
+        """The policy of that name, to act with; nothing is unpickled.
 
         Raises
         ------
         RunError
-            Where the manifest lists no such model, or its file is missing or another.
+            Where the manifest lists no such model, or its file is missing, another, or does not fit the configuration.
         """
-        return load(self.config.algorithm, self.read_model(name))
+        content, config = self.read_model(name), self.config
+        try:
+            return weights.load(config, None if self.is_generalist else self.task, content)
+        except weights.WeightsError as error:
+            file = self.folder / self.manifest.models[name].file
+            raise RunError(f"{str(file)!r} is not loaded: {error}") from None
 
     def read_model(self, name: str = "best") -> bytes:
         """Content of that model's file; raises what `load_model` does."""
@@ -196,15 +229,7 @@ class Run:
 
     def read(self, entry: Entry) -> bytes:
         """Content of a file that the manifest lists; raises `RunError` where it is missing or another."""
-        path = self.folder / entry.file
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise RunError(f"{str(path)!r}, which the manifest lists, cannot be read: {error.strerror}") from None
-        found = sha256(content).hexdigest()
-        if found != entry.sha256:
-            raise RunError(f"{str(path)!r} is not loaded: its SHA-256 is {found}, and {entry.sha256} in the manifest")
-        return content
+        return self._checked(entry.file, entry.sha256)
 
     def write_curve(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Write the learning curve: rows with the same keys; a None is left empty."""
@@ -214,11 +239,31 @@ class Run:
         writer.writerows(rows)
         write_file(self.folder / "learning_curve.csv", text.getvalue().encode())
 
-    def _read(self, name: str, kind: type[_AnyRecord]) -> _AnyRecord:
+    def _checked(self, name: str, digest: str | None = None) -> bytes:
+        """Content of a file, which must have that SHA-256, by default the one of the manifest's `files`."""
+        path = str(self.folder / name)
+        wanted = digest or self.manifest.files.get(name)
+        if wanted is None:
+            raise RunError(f"{path!r} is not read: the manifest holds no SHA-256 of it; train anew")
+        content = self._content(name)
+        found = sha256(content).hexdigest()
+        if found != wanted:
+            raise RunError(f"{path!r} is not loaded: its SHA-256 is {found}, and {wanted} in the manifest")
+        return content
+
+    def _content(self, name: str) -> bytes:
+        path = self.folder / name
         try:
-            return kind.model_validate_json((self.folder / name).read_bytes())
+            if path.exists() and not path.is_file():
+                raise RunError(f"{str(path)!r} is not a regular file")
+            return path.read_bytes()
         except OSError as error:
-            raise RunError(f"{str(self.folder / name)!r} cannot be read: {error.strerror}") from None
+            listed = "" if name == "manifest.json" else ", which the manifest lists,"
+            raise RunError(f"{str(path)!r}{listed} cannot be read: {error.strerror}") from None
+
+    def _parse(self, name: str, content: bytes, kind: type[_AnyRecord]) -> _AnyRecord:
+        try:
+            return kind.model_validate_json(content)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))
@@ -230,6 +275,27 @@ class Run:
 
     def _write(self, name: str, record: Record) -> None:
         write_file(self.folder / name, (record.model_dump_json(indent=2) + "\n").encode())
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of the configuration and of the copies beside it, by their names."""
+    names = [name for name in ("config.json", *COPIES.values()) if (folder / name).exists()]
+    return {name: sha256((folder / name).read_bytes()).hexdigest() for name in names}
+
+
+def _signed(manifest: Manifest) -> Manifest:
+    """The manifest with this user's signature; without one where there can be no key."""
+    try:
+        return manifest.model_copy(update={"signature": signature.sign(manifest.content)})
+    except signature.NoKeyError:
+        return manifest.model_copy(update={"signature": None})
+
+
+def _is_own(manifest: Manifest) -> bool:
+    try:
+        return signature.verify(manifest.content, manifest.signature)
+    except signature.NoKeyError:
+        return False
 
 
 def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 
 from agents.descent import cosine, descend
 from agents.expedition import Expedition
-from agents.imitation import detours_of_moves
 from agents.local_settings import ExplorerConfig
+from irs_gym.oracle import detours_of_moves
 from irs_gym.pool import Pool
 
 _LONGEST = 10.0  # cells: a longer detour counts as much as this, and so does a refusal

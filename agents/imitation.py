@@ -9,41 +9,8 @@ from agents.descent import cosine, descend
 from agents.map_network import maps_of
 from agents.map_settings import ImitationConfig
 from agents.symmetry import SYMMETRIES, turn, turn_moves
-from irs_gym.grid import MOVE_LENGTHS, MOVES
+from irs_gym.oracle import optimal_moves
 from irs_gym.pool import Pool
-
-_TOLERANCE = 1e-9  # relative: lengths are sums of floats
-
-
-def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np.float64]:
-    """How much longer than the shortest a path from each cell becomes with each move.
-
-    Parameters
-    ----------
-    to_go
-        Distances to go in metres, +inf where the goal cannot be reached; shape ``(S, X, Y)``.
-    cell_size
-        Edge of a cell in metres.
-
-    Returns
-    -------
-    Metres, shape ``(S, 8, X, Y)``; +inf for moves into and from cells from which the goal cannot be reached.
-    """
-    columns, rows = to_go.shape[1:]
-    padded = np.pad(to_go, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    ahead = np.stack([padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1)
-    length = MOVE_LENGTHS[:, None, None] * cell_size
-    return ahead + length - np.where(np.isfinite(to_go), to_go, -np.inf)[:, None]
-
-
-def optimal_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np.bool_]:
-    """Which moves from each cell begin a shortest path; the arguments are those of `detours_of_moves`.
-
-    Returns
-    -------
-    Shape ``(S, 8, X, Y)``; no move where the goal cannot be reached, nor at the goal.
-    """
-    return detours_of_moves(to_go, cell_size) <= np.where(np.isfinite(to_go), to_go, 0.0)[:, None] * _TOLERANCE
 
 
 def imitation_loss(logits: Tensor, is_optimal: Tensor) -> Tensor:

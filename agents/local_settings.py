@@ -14,8 +14,8 @@ from agents.ppo import PpoConfig
 from agents.settings import check_settings
 
 if TYPE_CHECKING:
+    from gymnasium import spaces
     from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-    from stable_baselines3.common.vec_env import VecEnv
     from torch import nn
 
     from agents.map_learner import Teacher
@@ -163,9 +163,13 @@ class RecurrentPpoConfig(ScenesPpoConfig):
     lstm_hidden_size: int = 128
     """Numbers in the state of the LSTM."""
 
-    def policy_name(self, env: VecEnv) -> str:
+    def policy_name(self, space: spaces.Space[Any]) -> str:
         """An LSTM in front of the networks."""
         return "MlpLstmPolicy"
+
+    def features(self, width: int) -> int:
+        """The state of the LSTM."""
+        return self.lstm_hidden_size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,3 +187,9 @@ class MapPpoConfig(ScenesPpoConfig):
         from agents.map_extractor import MapExtractor
 
         return MapExtractor
+
+    def features(self, width: int) -> int:
+        """What the convolutions make of the map."""
+        from agents.map_extractor import FEATURES
+
+        return FEATURES

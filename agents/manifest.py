@@ -1,8 +1,9 @@
 """What the files of a run folder hold: `Manifest` and `Config`."""
 
+import json
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from agents.algorithms import Algorithm, Generalist
 
@@ -23,14 +24,25 @@ class Entry(Record):
     steps: int
 
 
-class ModelEntry(Entry):
+class _Arrays(Entry):
+    """The file of a model, which holds plain arrays."""
+
+    @field_validator("file")
+    @classmethod
+    def _holds_arrays(cls, file: str) -> str:
+        if not file.endswith(".npz"):
+            raise ValueError(f"{file} is a model of an older version, and to read it could run its code: train anew")
+        return file
+
+
+class ModelEntry(_Arrays):
     """A model's file, and how its greedy policy did when it was saved."""
 
     is_success: bool
     ratio: float | None  # distance over the oracle's, None for a failure
 
 
-class GeneralistEntry(Entry):
+class GeneralistEntry(_Arrays):
     """The file of a generalist, and how its greedy policy did on the scenes it was tested on when it was saved."""
 
     success: float  # share of the scenes
@@ -44,9 +56,16 @@ class Manifest(Record):
     status: Status = "running"
     versions: dict[str, str]
     commit: str | None
+    files: dict[str, str] = {}  # SHA-256 of ``config.json`` and of the copies beside it, by their names
     models: dict[str, ModelEntry | GeneralistEntry] = {}
     checkpoints: tuple[Entry, ...] = ()  # the newest first
     error: str | None = None  # why the run has failed
+    signature: str | None = None  # of all else here, with the key of the user who trains; see `agents.signature`
+
+    @property
+    def content(self) -> bytes:
+        """What is signed."""
+        return json.dumps(self.model_dump(mode="json", exclude={"signature"}), sort_keys=True).encode()
 
 
 class Config(Record):

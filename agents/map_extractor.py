@@ -7,11 +7,13 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
+FEATURES = 256
+
 
 class MapExtractor(BaseFeaturesExtractor):
     """Three convolutions, each on a grid twice as coarse, and a linear layer; SB3's own wants pictures of bytes."""
 
-    def __init__(self, observation_space: spaces.Box, features_dim: int = 256) -> None:
+    def __init__(self, observation_space: spaces.Box, features_dim: int = FEATURES) -> None:
         super().__init__(observation_space, features_dim)
         layers: list[nn.Module] = []
         for channels, width in ((observation_space.shape[0], 16), (16, 32), (32, 32)):

@@ -4,8 +4,6 @@ A file holds plain arrays and a line of JSON; nothing in it is unpickled.
 """
 
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping
 from importlib import import_module
 from io import BytesIO
@@ -16,11 +14,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from agents.arrays import read_arrays
 from agents.map_settings import NetworkName
 from irs_gym.observation import MARGIN_SCALE_DB
 from irs_gym.pool import Pool
 
 STILL = [0, 1, 3]  # channels of the environment's map observation that stay the same while the robot moves
+_MOST = 10_000  # layers, channels or rounds
 _CLASSES: dict[NetworkName, tuple[str, str]] = {
     "planner": ("agents.planner", "PlanningNetwork"),
     "unet": ("agents.unet", "UNet"),
@@ -81,12 +81,26 @@ def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Mod
 def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Module]:
     """Name, settings and network in the content of a file; raises `NetworkFileError` where it is none."""
     try:
-        with np.load(BytesIO(content), allow_pickle=False) as arrays:
-            header = json.loads(str(arrays["header"]))
-            weights = {key.removeprefix("weight:"): arrays[key] for key in arrays.files if key != "header"}
+        arrays = read_arrays(content)
+        header = json.loads(str(arrays.pop("header")))
+        weights = {key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()}
+        _check_kinds(weights, header["network"], header["settings"])
         network = build_network(header["network"], header["settings"])
-        network.load_state_dict({key: torch.from_numpy(each) for key, each in weights.items()})
-    except (ValueError, KeyError, TypeError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        network.load_state_dict(weights)
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RuntimeError, AssertionError) as error:
         raise NetworkFileError(f"the file does not hold a network over maps: {error}") from None
     network.eval()
     return header["network"], header["settings"], network
+
+
+def _check_kinds(weights: Mapping[str, Tensor], name: NetworkName, settings: Mapping[str, Any]) -> None:
+    """Raise ``ValueError`` where weights are not those of such a network, before one is made that fills the memory."""
+    for setting, value in settings.items():
+        if isinstance(value, int) and value > _MOST:
+            raise ValueError(f"{setting}={value} is more than {_MOST}")
+    with torch.device("meta"):  # shapes alone
+        wanted = build_network(name, settings).state_dict()
+    kinds = [{key: (each.dtype, tuple(each.shape)) for key, each in some.items()} for some in (wanted, weights)]
+    for key in sorted({*wanted, *weights}):
+        if kinds[0].get(key) != kinds[1].get(key):
+            raise ValueError(f"{key} is {kinds[1].get(key, 'missing')}, not {kinds[0].get(key, 'asked for')}")

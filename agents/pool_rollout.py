@@ -34,8 +34,10 @@ class Episodes:
 
     @property
     def spl(self) -> NDArray[np.float64]:
-        """Success weighted by path length: 0 for a failure, else oracle distance over distance."""
-        return np.where(self.is_success, self.oracle_distance / np.where(self.is_success, self.distance, 1.0), 0.0)
+        """Success weighted by path length: 0 for a failure, else oracle distance over distance, 1 at most."""
+        # sums of floats: an optimal path may come out a rounding shorter than the oracle's
+        longer = np.maximum(self.distance, self.oracle_distance)
+        return np.where(self.is_success, self.oracle_distance / longer, 0.0)
 
     @property
     def ratio(self) -> float | None:
@@ -73,7 +75,11 @@ def play(policy: Policy, pool: Pool, observation: Observation = "flat", max_step
 
 
 def most_steps(pool: Pool) -> int:
-    """Steps after which an episode ends: the environment's 400, and more on maps larger than 40 x 40."""
+    """Steps after which a scored episode ends: max(400, 5 (X + Y)) on maps of X x Y cells.
+
+    The 400 are the environment's, which ends its own episodes after as many on maps of any size,
+    unless ``max_episode_steps`` is given to `gymnasium.make`.
+    """
     return max(400, 5 * sum(pool.shape))
 
 
@@ -99,7 +105,7 @@ def roll_out_pool(policy: Policy, pool: Pool, observation: Observation, max_step
     return Episodes(is_over, travelled.real, pool.oracle_distance)
 
 
-def follow(logits: NDArray[np.float32], pool: Pool, max_steps: int = 400) -> Episodes:
+def follow(logits: NDArray[np.float32], pool: Pool, max_steps: int | None = None) -> Episodes:
     """Follow the likeliest moves in each scene of a pool, refused into cells that are not feasible.
 
     Parameters
@@ -109,14 +115,14 @@ def follow(logits: NDArray[np.float32], pool: Pool, max_steps: int = 400) -> Epi
     pool
         S scenes.
     max_steps
-        Steps after which an episode ends.
+        Steps after which an episode ends; those of `most_steps` by default.
     """
     ahead, kind = _successors(logits.argmax(axis=1), pool.feasible)
     columns = pool.shape[1]
     scenes, cells = np.arange(len(pool)), pool.start @ [columns, 1]
     goals = pool.goal @ [columns, 1]
     steps = np.zeros((len(pool), 3), dtype=np.int64)  # refused, straight, diagonal
-    for _ in range(max_steps):
+    for _ in range(most_steps(pool) if max_steps is None else max_steps):
         scenes = scenes[cells[scenes] != goals[scenes]]
         steps[scenes, kind[scenes, cells[scenes]]] += 1
         cells[scenes] = ahead[scenes, cells[scenes]]

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from hashlib import sha256
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,18 +17,18 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from agents import provenance
-from agents.algorithms import GENERALISTS, LOCAL, load, model_class, observation_of
+from agents.algorithms import GENERALISTS, LOCAL, observation_of
+from agents.explorer_policy import Explorer
 from agents.manifest import Config, Record
 from agents.problem import Problem, problem_of
 from agents.rollout import Episode, arguments_of, roll_out
+from agents.weights import WeightsError, load
 from irs_gym.files import write_file
 from irs_gym.random_task import random_task_of
 from irs_gym.splits import split_of
 from irs_gym.task import Task, task_of
 
 MODELS = provenance.ROOT / "models"
-POLICY_SETTINGS = ("net_arch", "n_quantiles")  # of an agent's settings, those that shape its networks
-IDLE = ("value_net", "target")  # parts of the names of weights that serve training alone
 
 
 class PretrainedError(ValueError):
@@ -139,7 +138,10 @@ class Pretrained:
 
     @property
     def predict(self) -> Callable[..., tuple[NDArray[np.int64], Any]]:
-        """The `predict` of `agents.policy.Policy`; that of MaskablePPO takes ``action_masks`` too."""
+        """The `predict` of `agents.policy.Policy`; that of MaskablePPO takes ``action_masks`` too.
+
+        It is that of Stable-Baselines3: PPO draws its moves unless ``deterministic=True`` is given.
+        """
         predict: Callable[..., tuple[NDArray[np.int64], Any]] = self.policy.predict
         return predict
 
@@ -159,13 +161,13 @@ class PretrainedGeneralist:
 
     entry: GeneralistModel
     policy: Any
-    """`agents.map_policy.MapPolicy` or `agents.explorer_policy.Explorer`."""
+    """`agents.map_policy.MapPolicy`, `agents.explorer_policy.Explorer`, or a policy of Stable-Baselines3."""
     env: dict[str, Any]
     """Arguments of `irs_gym.random_task.RandomTask`."""
 
     @property
     def predict(self) -> Callable[..., tuple[NDArray[np.int64], Any]]:
-        """The `predict` of `agents.policy.Policy`; an explorer needs its ``state`` handed back."""
+        """The `predict` of `agents.policy.Policy`; what remembers needs its ``state`` handed back."""
         predict: Callable[..., tuple[NDArray[np.int64], Any]] = self.policy.predict
         return predict
 
@@ -207,15 +209,7 @@ def load_pretrained(algorithm: str, *, folder: str | Path = MODELS, **env: Any) 
         trained = getattr(entry.task, name)
         if env[name] != trained:
             raise PretrainedError(f"{entry.file} was trained with {name}={trained!r}, not {env[name]!r}")
-    with np.load(BytesIO(_read(entry, Path(folder))), allow_pickle=False) as arrays:
-        return Pretrained(entry, _build(entry, dict(arrays)))
-
-
-def pack(policy: Any) -> bytes:
-    """The weights of a policy of Stable-Baselines3 that act, as a compressed npz; equal weights give equal bytes."""
-    content = BytesIO()
-    np.savez_compressed(content, **{name: each.numpy() for name, each in policy.state_dict().items() if _acts(name)})
-    return content.getvalue()
+    return Pretrained(entry, _load(entry, entry.task, Path(folder)))
 
 
 def write_models(
@@ -241,37 +235,22 @@ def _read(entry: Entry | GeneralistModel, folder: Path) -> bytes:
     return content
 
 
+def _load(entry: Entry | GeneralistModel, task: Task | None, folder: Path) -> Any:
+    content = _read(entry, folder)
+    try:
+        return load(entry.config, task, content)
+    except WeightsError as error:
+        raise PretrainedError(f"{str(folder / entry.file)!r} is not loaded: {error}") from None
+
+
 def _load_generalist(entry: GeneralistModel, folder: Path, env: Mapping[str, Any]) -> PretrainedGeneralist:
     is_local = entry.config.algorithm in LOCAL
     task = random_task_of({"split": "test", **env} if "scenes" not in env else dict(env))
     if "observation" in env and (env["observation"] == "map") is is_local:
         kind = "'dict' or 'flat'" if is_local else "'map'"
         raise PretrainedError(f"{entry.file} was trained with observation={kind}, not {env['observation']!r}")
-    policy = load(entry.config.algorithm, _read(entry, folder))
-    if is_local and task.scenes is None:
+    policy = _load(entry, None, folder)
+    if isinstance(policy, Explorer) and task.scenes is None:
         policy = replace(policy, shape=split_of(task.split).frame)
     own = {"observation": observation_of(entry.config.algorithm), **({} if "scenes" in env else {"split": "test"})}
     return PretrainedGeneralist(entry, policy, {**own, **env})
-
-
-def _build(entry: Entry, weights: Mapping[str, NDArray[np.float32]]) -> Any:
-    """The policy with these weights, which must be all that act."""
-    import torch
-
-    env = gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(entry.task))
-    kind = "MultiInputPolicy" if isinstance(env.observation_space, gymnasium.spaces.Dict) else "MlpPolicy"
-    shape = {name: entry.config.agent[name] for name in POLICY_SETTINGS if name in entry.config.agent}
-    make = model_class(entry.config.algorithm).policy_aliases[kind]
-    policy = make(env.observation_space, env.action_space, lambda _: 0.0, **shape)
-    try:
-        missing, unknown = policy.load_state_dict({n: torch.as_tensor(w) for n, w in weights.items()}, strict=False)
-    except RuntimeError as error:  # of other shapes
-        raise PretrainedError(f"{entry.file} does not fit its configuration: {error}") from None
-    if unknown or any(_acts(name) for name in missing):
-        raise PretrainedError(f"{entry.file} does not fit its configuration: it lacks {missing}, and has {unknown}")
-    policy.set_training_mode(False)
-    return policy
-
-
-def _acts(name: str) -> bool:
-    return not any(part in name for part in IDLE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Any, ClassVar
 
@@ -72,6 +73,16 @@ class QLearning:
         self._env, self._seed, self._rng = env, seed, np.random.default_rng(seed)
         self._cells: NDArray[np.int64] | None = None  # that the robots are in
 
+    @classmethod
+    def of(cls, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> QLearning:
+        """What acts by the table of a file; raises ``ValueError`` where that is none for a grid of that shape."""
+        table = arrays.get("table")
+        wanted = (math.prod(shape), 8)
+        if set(arrays) != {"table"} or table is None or table.dtype != np.float64 or table.shape != wanted:
+            held = {name: (each.dtype.name, each.shape) for name, each in arrays.items()}
+            raise ValueError(f"it holds {held}, not one table of float64 of shape {wanted}")
+        return cls(table, shape)
+
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[NDArray[np.int64], Any]:
@@ -118,14 +129,7 @@ class QLearning:
 
     def save(self, file: IO[bytes]) -> None:
         """Write the table as an .npz file."""
-        np.savez_compressed(file, table=self.table, shape=self.shape)
-
-    @classmethod
-    def load(cls, file: IO[bytes], **_: Any) -> QLearning:
-        """Table of such a file, for predictions; unlike a network's, it is read without unpickling."""
-        with np.load(file, allow_pickle=False) as arrays:
-            columns, rows = arrays["shape"].tolist()
-            return cls(arrays["table"], (columns, rows))
+        np.savez_compressed(file, table=self.table)
 
     def _step(self, env: VecEnv, cells: NDArray[np.int64]) -> None:
         """Move each robot once, and set the value of its move to the return that it has now seen."""

@@ -91,7 +91,7 @@ class NetworkConfig(AgentConfig):
         own = {name: value for name, value in asdict(self).items() if name not in elsewhere}
         rates = own.pop("learning_rate"), own.pop("final_learning_rate")
         return model_class(self.algorithm)(
-            self.policy_name(env),
+            self.policy_name(env.observation_space),
             env,
             learning_rate=LinearSchedule(*rates, 1.0),
             policy_kwargs=self.policy_kwargs(),
@@ -100,9 +100,13 @@ class NetworkConfig(AgentConfig):
             **own,
         )
 
-    def policy_name(self, env: VecEnv) -> str:
-        """SB3's name of the policy."""
-        return "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
+    def policy_name(self, space: spaces.Space[Any]) -> str:
+        """SB3's name of the policy for these observations."""
+        return "MultiInputPolicy" if isinstance(space, spaces.Dict) else "MlpPolicy"
+
+    def features(self, width: int) -> int:
+        """Numbers, at the least, that the first layer reads of an observation of that many."""
+        return width
 
     def policy_kwargs(self) -> dict[str, Any]:
         """What is handed on to the networks."""

@@ -2,9 +2,12 @@
 
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
+import gymnasium
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
@@ -43,6 +46,7 @@ class IrsNavVecEnv(VecEnv):
         vector_env: type[IrsNavVectorEnv | IrsNavRandomVectorEnv] = IrsNavVectorEnv,
         **env_kwargs: Any,
     ) -> None:
+        env_kwargs.setdefault("infos", "all")
         self.envs = vector_env(
             num_envs, max_episode_steps, AutoresetMode.SAME_STEP, render_mode=render_mode, **env_kwargs
         )
@@ -50,6 +54,7 @@ class IrsNavVecEnv(VecEnv):
         self._actions = np.zeros(num_envs, dtype=np.int64)
         self._return, self._length = np.zeros(num_envs), np.zeros(num_envs, dtype=np.int64)
         self._began = time.time()
+        self.envs.spec = self.spec = _spec(vector_env, max_episode_steps, env_kwargs)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
     def reset(self) -> Any:
@@ -58,9 +63,11 @@ class IrsNavVecEnv(VecEnv):
         options = self._options[0] if self._options else None
         if any(each != options for each in self._options):
             raise ValueError("options must be the same for all environments")
+
         observation, infos = self.envs.reset(seed=seeds, options=options)
-        self._return[:], self._length[:] = 0.0, 0
-        self.reset_infos = [_scalars(_OPENING_KEYS, infos, i) for i in range(self.num_envs)]
+        self._return[:] = 0.0
+        self._length[:] = 0
+        self.reset_infos = _one_by_one(infos)
         self._reset_seeds()
         self._reset_options()
         return observation
@@ -74,27 +81,31 @@ class IrsNavVecEnv(VecEnv):
         observation, reward, terminated, truncated, infos = self.envs.step(self._actions)
         self._return += reward
         self._length += 1
+
+        each_info = _one_by_one(infos)
         done = terminated | truncated
-        each_info: list[dict[str, Any]] = [{"TimeLimit.truncated": False} for _ in range(self.num_envs)]
-        for i in np.flatnonzero(done).tolist():
-            each_info[i] = self._final_info(i, infos, bool(truncated[i] and not terminated[i]))
-            self.reset_infos[i] = _scalars(_OPENING_KEYS, infos, i)
-        self._return[done], self._length[done] = 0.0, 0
+        for info in each_info:
+            info["TimeLimit.truncated"] = False
+        if done.any():
+            final_infos = _one_by_one(infos["final_info"])
+            for i in np.flatnonzero(done).tolist():
+                self.reset_infos[i] = {key: each_info[i][key] for key in final_infos[i]}
+                each_info[i] = {
+                    **final_infos[i],
+                    "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
+                    "terminal_observation": infos["final_obs"][i],
+                    "episode": self._episode(i),
+                }
+        self._return[done] = 0.0
+        self._length[done] = 0
         return observation, reward.astype(np.float32), done, each_info
 
-    def _final_info(self, i: int, infos: dict[str, Any], is_truncated: bool) -> dict[str, Any]:
-        final = infos["final_info"]
-        episode = {
+    def _episode(self, i: int) -> dict[str, Any]:
+        """Return, length and seconds of an episode that ends, as SB3's `Monitor` gives them."""
+        return {
             "r": round(float(self._return[i]), 6),
             "l": int(self._length[i]),
             "t": round(time.time() - self._began, 6),
-        }
-        return {
-            **_scalars(_FINAL_KEYS, final, i),
-            "path": final["path"][i],
-            "TimeLimit.truncated": is_truncated,
-            "terminal_observation": infos["final_obs"][i],
-            "episode": episode,
         }
 
     def close(self) -> None:
@@ -102,27 +113,38 @@ class IrsNavVecEnv(VecEnv):
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: int | Iterable[int] | None = None) -> list[Any]:
-        """An attribute of the vector environment, or of what all its environments share, once for each."""
-        if not hasattr(self.envs, attr_name):
-            raise AttributeError(f"IrsNavVecEnv has no attribute {attr_name!r}")
-        return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
+        """An attribute of each single environment, such as ``oracle`` or ``action_space``."""
+        values = self.envs.get_attr(attr_name)
+        return [values[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None) -> None:
-        """Refused: the environments share all their attributes, and those never change."""
-        raise AttributeError(f"{attr_name!r} cannot be set: make a new IrsNavVecEnv with other arguments")
+        """Set an attribute of your own in environments; those that they have are shared, and refused."""
+        chosen = [*self._get_indices(indices)]
+        if len(chosen) < self.num_envs:
+            values = [*self.get_attr(attr_name)]
+            for i in chosen:
+                values[i] = value
+        else:
+            values = [value] * self.num_envs
+        self.envs.set_attr(attr_name, values)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: int | Iterable[int] | None = None, **method_kwargs: Any
     ) -> list[Any]:
-        """``action_masks`` of each environment, bool ``(8,)``; no other method is known."""
-        if method_name != "action_masks":
-            raise AttributeError(f"IrsNavVecEnv has no method {method_name!r} for single environments")
-        masks = self.envs.action_masks()
-        return [masks[i] for i in self._get_indices(indices)]
+        """What a method of each single environment returns; those that move one alone are refused."""
+        if method_name == "action_masks":  # asked for at every step, and known for all at once
+            values: Sequence[Any] = self.envs.action_masks()
+        else:
+            values = self.envs.call(method_name, *method_args, **method_kwargs)
+        return [values[i] for i in self._get_indices(indices)]
 
     def has_attr(self, attr_name: str) -> bool:
         """Whether there is such an attribute or method."""
-        return attr_name == "action_masks" or hasattr(self.envs, attr_name)
+        try:
+            self.envs.get_attr(attr_name)
+        except AttributeError:
+            return False
+        return True
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: int | Iterable[int] | None = None) -> list[bool]:
         """True for `Monitor`, whose ``episode`` is in the infos; False for every other wrapper."""
@@ -133,6 +155,14 @@ class IrsNavVecEnv(VecEnv):
         return list(self.envs.render() or [None] * self.num_envs)
 
 
-def _scalars(keys: Sequence[str], infos: dict[str, Any], i: int) -> dict[str, Any]:
-    """What the infos say of environment i, as Python's own types; keys that they lack are left out."""
-    return {key: infos[key][i : i + 1].tolist()[0] for key in keys if key in infos}
+def _spec(vector_env: type[Any], max_episode_steps: int, env_kwargs: dict[str, Any]) -> EnvSpec:
+    """How `gymnasium.make` would make one of the environments."""
+    env_id = "IrsNavRandom-v0" if vector_env is IrsNavRandomVectorEnv else "IrsNav-v0"
+    return replace(gymnasium.spec(env_id), max_episode_steps=max_episode_steps, kwargs=env_kwargs)
+
+
+def _one_by_one(infos: dict[str, Any]) -> list[dict[str, Any]]:
+    """The infos of each environment, as Python's own types; arrays stay arrays."""
+    keys = [key for key in infos if not key.startswith(("_", "final_"))]
+    columns = [infos[key].tolist() if infos[key].ndim == 1 else [*infos[key]] for key in keys]
+    return [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]

@@ -12,6 +12,7 @@ COMMANDS = {
     "score": "score a trained run against the oracle and draw both paths over the map",
     "board": "put all runs below a folder on one scoreboard, with intervals over seeds",
     "ablations": "tell what each part of the task and of the setting is worth in steps to the optimum",
+    "shaping": "tell where a discount makes another path than the shortest the best, and write docs/shaping.md",
     "generalisation": "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's",
     "speed": "time the environments beside others",
     "pretrain": "keep the best policy of each algorithm on each problem in models/",

@@ -38,14 +38,15 @@ An agent that has not learned yet wanders, and what it earns from a move is buri
 a route over one that is {detour:.0%} longer, it has to average returns until their standard error is below that
 {metres:.2f} m. How much they scatter under uniformly random moves follows exactly from the transitions (the linear
 equations of the return's mean and variance), as does the path that is best under the discounted reward (value
-iteration):"""
+iteration), from the start, and from how many of all starts it is longer than the oracle's:"""
 
 ANSWER = """A return that counts the far future counts every refused move and every aimless step of it, so its scatter
 grows without bound as the discount nears 1, while the detour stays as long as it is. A discount of 0.98 looks 50 moves
 ahead, about one crossing of the room, and the potential-based shaping pays for progress at once, so that nothing beyond
-is needed. What remains is the scatter of the agent's own later learning: a policy that has turned deterministic no
-longer sees the other route, which is what the entropy bonus is against. For DQN the same holds with one-step returns:
-returns over several steps hold the random moves among them against the narrower route."""
+is needed. It has a price: under a discount the best path is not the shortest from every start, and in a maze it may be
+best never to arrive ([more](shaping.md)). What remains is the scatter of the agent's own later learning: a policy that
+has turned deterministic no longer sees the other route, which is what the entropy bonus is against. For DQN the same
+holds with one-step returns: returns over several steps hold the random moves among them against the narrower route."""
 
 
 def main(
@@ -101,11 +102,15 @@ def markdown(board: Mapping[str, Any], figures: Sequence[str], found: Sequence[O
         WORTH,
         _worth(standings),
         *(f"![Learning curves of the variants]({FIGURES}/{name})" for name in figures),
-        QUESTION.format(detour=DETOUR, metres=DETOUR * problem["oracle_distance"]),
-        _outlooks(found),
-        ANSWER,
+        discounts_section(problem["oracle_distance"], found),
         origin(board),
     )
+
+
+def discounts_section(oracle_distance: float, found: Sequence[Outlook]) -> str:
+    """What the discount does to the problem itself, whoever learns it."""
+    question = QUESTION.format(detour=DETOUR, metres=DETOUR * oracle_distance)
+    return page(question, _outlooks(found), ANSWER)
 
 
 def _worth(standings: Sequence[Mapping[str, Any]]) -> str:
@@ -121,6 +126,10 @@ def _worth(standings: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _outlooks(found: Sequence[Outlook]) -> str:
-    heads = ("discount", "best path over the oracle's", "scatter of the return, metres", "returns to average")
-    rows = [(each.gamma, f"{each.ratio:.3f}", f"{each.spread:,.2f}", f"{each.episodes:,.0f}") for each in found]
+    heads = (
+        "discount", "best path over the oracle's", "longer from", "scatter of the return, metres", "returns to average",
+    )  # fmt: skip
+    rows = [
+        (each.gamma, f"{each.ratio:.3f}", each.longer, f"{each.spread:,.2f}", f"{each.episodes:,.0f}") for each in found
+    ]
     return table(heads, rows)

@@ -5,6 +5,7 @@ from math import isfinite, log
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eval.markdown import Promise, page, picture, promises, table
 from eval.scaling import LEFT_OUT, TARGET_DB, Cost
@@ -20,8 +21,7 @@ def trade_off_section(study: Study) -> str:
             f"{length:.3f} m up to {target:.4f} dB"
             for target, length in zip(curve.targets_db, curve.distances, strict=True)
         )
-        values = len(np.unique(gain_db[np.isfinite(gain_db)]))
-        rows.append((scheme.name, steps, curve.dijkstra_runs, values))
+        rows.append((scheme.name, steps, curve.dijkstra_runs, distinct_gains(gain_db)))
     return page(
         "## The exact trade-off",
         "`irs_gym.trade_off` gives the distance as a step function of the target. All shortest paths at a target make "
@@ -29,6 +29,12 @@ def trade_off_section(study: Study) -> str:
         "Dijkstra's algorithm a step. Trying every gain of the map takes as many runs as there are distinct gains.",
         table(("scheme", "steps", "Dijkstra runs", "distinct gains"), rows),
     )
+
+
+def distinct_gains(gain_db: NDArray[np.float64]) -> int:
+    """How many gains a map holds, those of obstacles left out; gains that rounding alone keeps apart are one."""
+    gains = np.sort(gain_db[np.isfinite(gain_db)])
+    return int(np.count_nonzero(np.diff(gains) > 1e-9)) + min(1, len(gains))
 
 
 def optimal_section(study: Study) -> str:

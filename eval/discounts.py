@@ -1,5 +1,7 @@
 """`Outlook`: what a discount makes of the returns on one problem, exactly: why similar routes are hard to tell apart.
 
+`best_ratios` gives how far the path of the largest discounted return is from the shortest, from each start.
+
 A learner that starts out moving at random has to tell a route from one that is a little longer by returns that scatter.
 Their scatter under uniformly random moves and the optimum of the discounted problem follow from the transition tables
 by linear equations and by value iteration; nothing is sampled.
@@ -13,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 from scipy.sparse.linalg import spsolve
 
+from agents.rollout import TOLERANCE
 from irs_gym.dynamics import Transition, tabulate, transition
-from irs_gym.oracle import path_length
 from irs_gym.task import World
 
 DETOUR = 0.02  # share of the oracle's distance by which the longer of two routes exceeds the other
@@ -34,6 +36,8 @@ class Outlook:
     ratio
         Length of the path that is best under the discounted reward, over the oracle's: 1 where discounting does not
         change what is best.
+    longer
+        From how many of all starts the best path is longer than the oracle's: "10 of 933".
     spread
         Standard deviation in metres of the discounted return from the start under uniformly random moves.
     episodes
@@ -43,6 +47,7 @@ class Outlook:
 
     gamma: float
     ratio: float
+    longer: str
     spread: float
     episodes: float
 
@@ -53,10 +58,45 @@ def outlooks(world: World, gammas: Sequence[float]) -> list[Outlook]:
     shortest = float(tabulate(world, world.goal).distance_to_go[world.start])
     found = []
     for gamma in gammas:
-        ratio = _length(world, moves, gamma, start) / shortest
+        ratios = best_ratios(world, gamma)
         spread = random_spread(moves, gamma, start)
-        found.append(Outlook(gamma, ratio, spread, (spread / (DETOUR * shortest)) ** 2))
+        episodes = (spread / (DETOUR * shortest)) ** 2
+        found.append(Outlook(gamma, float(ratios[world.start]), count_longer(ratios), spread, episodes))
     return found
+
+
+def best_ratios(world: World, gamma: float) -> Floats:
+    """Length of the path of the largest discounted return over that of the shortest, from each cell to the goal.
+
+    Shape ``(X, Y)``: 1 where discounting leaves the best path a shortest one, infinite where the best never arrives,
+    NaN where the goal cannot be reached or is reached already. The first of equal moves is taken.
+    """
+    moves = transition(world, world.goal)
+    to_go = tabulate(world, world.goal).distance_to_go.ravel()
+    is_start = np.isfinite(to_go) & (to_go > 0)
+
+    start = int(np.ravel_multi_index(world.start, world.feasible.shape))
+    best = action_values(moves, optimal_values(moves, gamma, start), gamma)
+    choice = (best >= best.max(axis=1, keepdims=True) - _TIE).argmax(axis=1)
+    every = np.arange(len(best))
+    ahead, moved = moves.next_cell[every, choice], moves.moved[every, choice]
+
+    # All robots at once; who has not arrived after as many moves as there are cells goes in a circle.
+    goal = int(np.ravel_multi_index(world.goal, world.feasible.shape))
+    at, length = every.copy(), np.zeros(len(best))
+    for _ in every:
+        under_way = np.flatnonzero(is_start & (at != goal))
+        if not len(under_way):
+            break
+        length[under_way] += moved[at[under_way]]
+        at[under_way] = ahead[at[under_way]]
+    length[at != goal] = np.inf
+    return np.divide(length, to_go, out=np.full(len(best), np.nan), where=is_start).reshape(world.feasible.shape)
+
+
+def count_longer(ratios: Floats) -> str:
+    """How many ratios are above 1, whatever the rounding of sums, of those that are not NaN: "10 of 933"."""
+    return f"{(ratios > 1.0 + TOLERANCE).sum():,} of {(~np.isnan(ratios)).sum():,}"
 
 
 def optimal_values(moves: Transition, gamma: float, start: int) -> Floats:
@@ -65,13 +105,12 @@ def optimal_values(moves: Transition, gamma: float, start: int) -> Floats:
     Values of other cells mean nothing: at a discount of 1 those that the goal cannot be reached from have none.
     """
     values, seen = np.zeros(len(moves.next_cell)), reached(moves, start)
-    for _ in range(len(values)):
+    while True:  # to an end: going in circles costs, and the goal can be reached
         better = action_values(moves, values, gamma).max(axis=1)
         is_still = np.abs(better - values)[seen].max() <= _TIE / 1e3
         values = better
         if is_still:
-            break
-    return values
+            return values
 
 
 def action_values(moves: Transition, values: Floats, gamma: float) -> Floats:
@@ -110,16 +149,3 @@ def reached(moves: Transition, start: int) -> NDArray[np.int64]:
         new = ahead[~seen[ahead]]
         seen[new] = True
     return np.flatnonzero(seen)
-
-
-def _length(world: World, moves: Transition, gamma: float, start: int) -> float:
-    """Length in metres of the greedy path, the first of equal moves taken; infinite where it misses the goal."""
-    best = action_values(moves, optimal_values(moves, gamma, start), gamma)
-    choice = (best >= best.max(axis=1, keepdims=True) - _TIE).argmax(axis=1)
-    cells, goal = [start], int(np.ravel_multi_index(world.goal, world.feasible.shape))
-    while cells[-1] != goal and len(cells) <= len(best):
-        cells.append(int(moves.next_cell[cells[-1], choice[cells[-1]]]))
-    if cells[-1] != goal:
-        return float("inf")
-    path = np.stack(np.unravel_index(cells, world.feasible.shape), axis=-1)
-    return path_length(path, world.radio_map.grid.cell_size)

@@ -148,15 +148,22 @@ def lost_db(coarse: TradeOff, fine: TradeOff) -> float:
 # --- IV-4: distance over the number of elements ----------------------------------------------------------------------
 
 
-def element_counts(study: Study, rows: int = 18) -> range:
+ROWS = 18  # of sub-surfaces on a panel, the most whose distances are compared
+
+
+def element_counts(study: Study, rows: int = ROWS) -> range:
     """Numbers of elements M: whole rows of sub-surfaces."""
     step = study.scene.irs_panels[0].elements_per_row
     return range(step, rows * step + 1, step)
 
 
 def extra_elements(study: Study, coarse: Scheme, finer: Sequence[Scheme], quantiser: Quantiser) -> float:
-    """How many more elements the coarse scheme needs at most for a distance that a finer one has."""
-    counts = element_counts(study)
+    """How many more elements the coarse scheme needs at most for a distance that a finer one has.
+
+    The finer ones have up to `ROWS` rows of sub-surfaces. The coarse one may have twice as many; infinite where it
+    needs yet more.
+    """
+    counts = element_counts(study, 2 * ROWS)
 
     def fewest(scheme: Scheme, distance: float) -> float:
         lengths = (study.distance(scheme, ELEMENTS_AT_DB, quantiser, m) for m in counts)
@@ -164,7 +171,7 @@ def extra_elements(study: Study, coarse: Scheme, finer: Sequence[Scheme], quanti
 
     extra = [0.0]
     for scheme in finer:
-        reached = {study.distance(scheme, ELEMENTS_AT_DB, quantiser, m) for m in counts} - {inf}
+        reached = {study.distance(scheme, ELEMENTS_AT_DB, quantiser, m) for m in element_counts(study)} - {inf}
         extra += [fewest(coarse, distance) - fewest(scheme, distance) for distance in reached]
     return max(extra)
 

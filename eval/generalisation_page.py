@@ -22,10 +22,11 @@ How agents that learned on generated scenes do on others, scored against the exa
 
 All sets but the last two are the frozen ones of `IrsNavRandom-v0`, version 0; no agent has learned on a scene of
 theirs. *Hard* scenes have a detour (oracle's distance over octile distance) above {hard:g}. Each policy plays one
-greedy episode in each scene. *SPL* is success weighted by path length, *ratio* the mean distance over the oracle's in
-the successes alone, *exact* the share of scenes whose path is as short as the oracle's (to 1e-9). Below a figure is its
-95 % interval from resampling whole seeds; † marks figures that are equal in all seeds, which is not to say that the
-next seed would be equal too. A row with one seed has no interval."""
+greedy episode in each scene, of max(400, 5 (X + Y)) steps at most on maps of X x Y cells. *SPL* is success weighted by
+path length, *ratio* the mean distance over the oracle's in the successes alone, *exact* the share of scenes whose path
+is as short as the oracle's (to 1e-9). Below a figure is its 95 % interval from resampling whole seeds; † marks figures
+that are equal in all seeds, which is not to say that the next seed would be equal too. A row with one seed has no
+interval."""
 
 MAP = """## Map track
 

@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,7 +11,7 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from agents.checkpoint import Run
-from agents.pretrained import MODELS, Entry, GeneralistModel, Models, Score, load_pretrained, pack, write_models
+from agents.pretrained import MODELS, Entry, GeneralistModel, Models, Score, load_pretrained, write_models
 from agents.problem import Problem
 from agents.rollout import arguments_of
 from eval.entrants import find_generalists
@@ -36,6 +35,9 @@ def main(
             "vin",
             "explorer",
             "explorer_ppo",
+            "map_ppo",
+            "local_ppo",
+            "recurrent_ppo",
         ],
         ...,
     ] = ("ppo", "dqn", "planner", "planner_ppo", "unet", "unet_ppo", "explorer", "explorer_ppo"),
@@ -109,11 +111,10 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
     """
     entries, contents = [], {}
     for result, count in chosen:
-        content = pack(result.run.load_model().policy)
-        manifest = result.run.manifest
+        manifest, content = result.run.manifest, result.run.read_model()
         entry = Entry(
             file=f"{result.config.algorithm}-{result.problem.slug}.npz",
-            sha256=sha256(content).hexdigest(),
+            sha256=manifest.models["best"].sha256,
             config=result.config,
             steps=manifest.models["best"].steps,
             chosen_among=count,
@@ -135,13 +136,22 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
 
 
 def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistModel]:
-    """Write the best model of each algorithm over many scenes, and the manifest; returns the entries written."""
+    """Write the best model of each algorithm over many scenes, and the manifest; returns the entries written.
+
+    Raises
+    ------
+    OSError
+        Where a file cannot be written.
+    ValueError
+        Where a model is damaged or does not fit its configuration.
+    """
     by_algorithm: dict[str, list[Run]] = {}
     for run in runs:
         by_algorithm.setdefault(run.config.algorithm, []).append(run)
     entries, contents = [], {}
     for algorithm, found in sorted(by_algorithm.items()):
         best = max(found, key=_rank)
+        best.load_model()  # what does not fit is not kept
         manifest, content = best.manifest, best.read_model()
         model = manifest.models["best"]
         entries.append(

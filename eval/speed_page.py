@@ -24,8 +24,8 @@ observations into new memory and the observations of ended episodes (`SAME_STEP`
 NOTES = """
 ## What to know about the figures
 
-- The infos of the vector environment are computed when they are looked at. A training loop that looks at none pays for
-  none, and the first row of a table is such a loop; "all infos read" computes every key of every environment each step.
+- All infos that a row has are computed at each step, for every environment: by default the seven keys that cost
+  little, with `infos="all"` all eleven, with `infos=[]` none.
 - "bare np.take" gathers the same rows of observations into one buffer that is used again and again, and does nothing
   else: no environment that looks its observations up can be faster.
 - CartPole computes a few numbers where IrsNav looks up {width} for each observation; its episodes are shorter, so it

@@ -16,6 +16,7 @@ from scipy import stats
 CONFIDENCE = 0.95
 RESAMPLES = 9999
 ONE_SEED, ALL_EQUAL = "one seed", "all seeds equal"
+_EQUAL = 1e-9  # values this close, in proportion, differ by the rounding of sums alone
 
 Floats = NDArray[np.float64]
 Statistic = Callable[[Floats], Any]  # values (..., seeds, tasks) to (...)
@@ -80,7 +81,7 @@ def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) ->
     value = float(statistic(table))
     if len(table) == 1:
         return Estimate(value, None, None, ONE_SEED)
-    if (table == table[0]).all():
+    if np.allclose(table, table[0], rtol=_EQUAL, atol=_EQUAL):
         return Estimate(value, value, value, ALL_EQUAL)
     with np.errstate(invalid="ignore"):  # infinite statistics have no standard error, which is not looked at
         found = stats.bootstrap(

@@ -19,7 +19,7 @@ from agents.checkpoint import Run, RunError
 from agents.explorer_policy import Explorer
 from agents.heuristics import RULES
 from agents.local_settings import ExplorerConfig
-from agents.pool_rollout import Episodes, follow, most_steps, play
+from agents.pool_rollout import Episodes, follow, play
 from agents.replanning import Replanner
 from agents.rollout import TOLERANCE
 from irs_gym.files import write_file
@@ -109,7 +109,7 @@ def apply(name: str, pool: Pool) -> Episodes:
     worlds = build_worlds(RandomTask(scenes=pool))
     each = ((worlds.world(n), worlds.world(n).goal) for n in range(len(pool)))
     choices = np.stack([RULES[name](world, goal) for world, goal in each]).transpose(0, 3, 1, 2)
-    return follow(choices.astype(np.float32), pool, most_steps(pool))
+    return follow(choices.astype(np.float32), pool)
 
 
 def score_of(episodes: Episodes, chosen: NDArray[np.bool_] | None = None) -> UnseenScore:

@@ -86,6 +86,15 @@ def transition(world: World, goal: Cell) -> Transition:
     )
 
 
+def transition_table(world: World, goal: Cell) -> Transition:
+    """As `transition`, but for the goal: there an episode is over, so each action stays, for nothing, and ends it."""
+    table, here = transition(world, goal), int(np.ravel_multi_index(goal, world.feasible.shape))
+    over = Transition(here, 0.0, 0.0, False, 0.0, True, True)
+    for column, value in zip(table, over, strict=True):
+        column[here] = value
+    return table
+
+
 def _cells(shape: tuple[int, int]) -> NDArray[np.int64]:
     """All cells (i, j), shape ``(X * Y, 2)``."""
     return np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)

@@ -7,14 +7,16 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from irs_gym.dynamics import ACTIONS, choose_start, tables_for
+from irs_gym.action_values import optimal_q
+from irs_gym.dynamics import ACTIONS, Transition, choose_start, tables_for, transition_table
 from irs_gym.grid import Cell
 from irs_gym.infos import KEYS
 from irs_gym.interface import RENDERERS, checked_action, view_of
 from irs_gym.metrics import spl
 from irs_gym.observation import build_observer
-from irs_gym.oracle import Path, descend
-from irs_gym.task import World
+from irs_gym.oracle import Path, descend, flat_cell, optimal_moves
+from irs_gym.snapshot import Snapshot
+from irs_gym.task import World, as_cell
 from irs_gym.trail import cells_of
 
 
@@ -56,6 +58,35 @@ class Episode:
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``."""
         return np.asarray(self.tables.action_mask[self._cell], dtype=bool)
+
+    def optimal_actions(self, cell: Any = None) -> NDArray[np.int64]:
+        """See `irs_gym.env.IrsNavEnv.optimal_actions`."""
+        i, j = divmod(self._cell, self.world.feasible.shape[1]) if cell is None else as_cell(cell, "cell")
+        flat_cell(self.world.feasible, (i, j), "cell")
+        is_optimal = optimal_moves(self.tables.distance_to_go[None], self.world.radio_map.grid.cell_size)
+        return np.flatnonzero(is_optimal[0, :, i, j])
+
+    def transition_table(self) -> Transition:
+        """See `irs_gym.env.IrsNavEnv.transition_table`."""
+        return transition_table(self.world, self.goal)
+
+    def optimal_q(self, gamma: float) -> NDArray[np.float64]:
+        """See `irs_gym.env.IrsNavEnv.optimal_q`."""
+        return optimal_q(self.transition_table(), gamma)
+
+    def snapshot(self, scene: int = 0) -> Snapshot:
+        """Where the episode stands, in the scene of that number."""
+        return Snapshot(
+            rules=self.world.fingerprint,
+            scene=scene,
+            start=flat_cell(self.world.feasible, self.start, "start"),
+            goal=flat_cell(self.world.feasible, self.goal, "goal"),
+            cell=self._cell,
+            distance=self._distance,
+            refused=self._refused,
+            has_violated=self._has_violated,
+            is_running=self.is_running,
+        )
 
     def opening(self) -> tuple[Any, dict[str, Any]]:
         """What a reset returns: the first observation and its info."""
@@ -103,3 +134,24 @@ def begin(world: World, ends: dict[str, Cell], rng: np.random.Generator, keys: S
     """Episode between the ends given as ``start`` and ``goal``; the world's own goal, and a start as its task says."""
     goal = ends.get("goal", world.goal)
     return Episode(world, ends.get("start") or choose_start(world, goal, rng), goal, keys)
+
+
+def resume(world: World, snapshot: Snapshot, keys: Sequence[str], path: Sequence[Cell] = ()) -> Episode:
+    """The episode of a snapshot, with its path so far where that is known.
+
+    Raises ``ValueError`` for a snapshot of another map or other rules.
+    """
+    if snapshot.rules != world.fingerprint:
+        raise ValueError("state is of another task: its map or its rules differ from those of this environment")
+    shape = world.feasible.shape
+    if not (snapshot.cell < world.feasible.size and world.radio_map.free.flat[snapshot.cell]):
+        raise ValueError("state tells a cell that a robot cannot be in")
+
+    episode = Episode(world, divmod(snapshot.start, shape[1]), divmod(snapshot.goal, shape[1]), keys)
+    episode._cell = snapshot.cell
+    episode._cells = [i * shape[1] + j for i, j in path] or [snapshot.cell]
+    episode._distance = snapshot.distance
+    episode._refused = snapshot.refused
+    episode._has_violated = snapshot.has_violated
+    episode.is_running = snapshot.is_running
+    return episode

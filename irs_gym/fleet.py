@@ -13,6 +13,7 @@ from irs_gym.grid import Cell
 from irs_gym.ground import EpisodeSampler, Outcome
 from irs_gym.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
 from irs_gym.interface import RENDERERS, checked_actions, view_of
+from irs_gym.snapshot import Snapshot
 from irs_gym.task import World
 from irs_gym.trail import PathHistory
 
@@ -102,7 +103,7 @@ class VectorEpisodes:
             if resumed is not None:
                 is_refused[resumed] = False
             self._refused += is_refused
-        self._history.advance(self._sampler.ground.cells(outcome.states))
+        self._history.advance(self._sampler.ground.cells(outcome.states), self._clock)
         is_success = self._judge(outcome)
 
         # end
@@ -138,6 +139,24 @@ class VectorEpisodes:
         """World and goal of robot i."""
         return self._sampler.scene_and_goal(self._states, i)
 
+    def snapshot(self, i: int) -> tuple[Snapshot, list[Cell]]:
+        """Where the episode of robot i stands, and its path so far."""
+        world, goal = self.scene_and_goal(i)
+        path = self._history.path(i) if self._is_reset else [world.start]
+        start, cell, end = np.ravel_multi_index(np.array([path[0], path[-1], goal]).T, world.feasible.shape).tolist()
+        snapshot = Snapshot(
+            rules=world.fingerprint,
+            scene=self._sampler.scene_number(self._states, i),
+            start=start,
+            goal=end,
+            cell=cell,
+            distance=float(self._distance[i]),
+            refused=self._history.steps(i) - (len(path) - 1),
+            has_violated=bool(self._has_violated[i]),
+            is_running=self._is_reset and not self._has_ended[i],
+        )
+        return snapshot, path
+
     # --- episodes ---------------------------------------------------------------------------------------------------
 
     def _begin(self, chosen: NDArray[np.int64], options: dict[str, Any]) -> None:
@@ -150,7 +169,7 @@ class VectorEpisodes:
         self._refused[chosen] = 0
         self._oracle_distance[chosen] = ground.distance_to_go(begun)
         self._has_violated[chosen] = False
-        self._history.begin(chosen, ground.cells(begun))
+        self._history.begin(chosen, ground.cells(begun), self._clock)
 
         has_ended = self._has_ended.copy()  # not in place: the last step's flags are told apart from it
         has_ended[chosen] = False

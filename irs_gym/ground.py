@@ -79,5 +79,8 @@ class EpisodeSampler(Protocol):
     def begin(self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf) -> States:
         """States in which the chosen robots begin anew and the others stay where they are; in memory of their own."""
 
+    def scene_number(self, states: States, i: int) -> int:
+        """Number of the scene that robot i is in; 0 where there is one."""
+
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         """World and goal of robot i."""

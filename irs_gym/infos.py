@@ -36,6 +36,30 @@ class Step(NamedTuple):
 Values = Mapping[str, Callable[[Step], NDArray[Any]]]
 
 
+def _distance(step: Step) -> Floats:
+    return step.distance.copy()
+
+
+def _refused(step: Step) -> NDArray[np.int64]:
+    return step.refused.copy()
+
+
+def _distance_to_go(step: Step) -> Floats:
+    return step.ground.distance_to_go(step.states)
+
+
+def _gain_db(step: Step) -> Floats:
+    return step.ground.gain_db(step.states)
+
+
+def _margin_db(step: Step) -> Floats:
+    return step.ground.margin_db(step.states)
+
+
+def _action_mask(step: Step) -> NDArray[np.int8]:
+    return step.ground.action_mask(step.states)
+
+
 def _is_refused(step: Step) -> Bools:
     return np.zeros(len(step.states), dtype=bool) if step.is_refused is None else step.is_refused
 
@@ -44,45 +68,51 @@ def _cost(step: Step) -> Floats:
     return np.zeros(len(step.states)) if step.cost is None else step.cost
 
 
+def _is_success(step: Step) -> Bools:
+    return step.is_success
+
+
 def _spl(step: Step) -> Floats:
     if not np.count_nonzero(step.is_success):  # as nearly always
         return np.zeros(len(step.states))
     return spl(step.is_success, step.oracle_distance, step.distance)
 
 
+def _oracle_distance(step: Step) -> Floats:
+    return step.oracle_distance.copy()
+
+
 # One set of keys: at a reset, midway and at the end, in the single environment too. Each array is a fresh one.
 VALUES: Values = {
-    "distance": lambda step: step.distance.copy(),
-    "refused": lambda step: step.refused.copy(),
-    "distance_to_go": lambda step: step.ground.distance_to_go(step.states),
-    "gain_db": lambda step: step.ground.gain_db(step.states),
-    "margin_db": lambda step: step.ground.margin_db(step.states),
-    "action_mask": lambda step: step.ground.action_mask(step.states),
+    "distance": _distance,
+    "refused": _refused,
+    "distance_to_go": _distance_to_go,
+    "gain_db": _gain_db,
+    "margin_db": _margin_db,
+    "action_mask": _action_mask,
     "is_refused": _is_refused,
     "cost": _cost,
-    "is_success": lambda step: step.is_success,
+    "is_success": _is_success,
     "spl": _spl,
-    "oracle_distance": lambda step: step.oracle_distance.copy(),
+    "oracle_distance": _oracle_distance,
 }
 KEYS = tuple(VALUES)
-ON_REQUEST = ("refused", "is_refused", "distance_to_go", "gain_db")  # else a step would take a third longer
+SLOW = ("refused", "is_refused", "distance_to_go", "gain_db")  # with them, a step of a vector takes a third longer
 
-Infos = Sequence[str] | Literal["all"] | None  # what a user may ask for
+Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
 
 
 def checked_keys(infos: Infos, more: Sequence[str] = ()) -> tuple[str, ...]:
     """Keys that a user asks for, in one order: of `KEYS` and those of the environment beside them.
 
-    ``None`` stands for all but those `ON_REQUEST`. Raises ``ValueError`` for what are no known keys.
+    ``"fast"`` stands for all but the `SLOW`. Raises ``ValueError`` for what are no known keys.
     """
     known = (*KEYS, *more)
-    if infos is None:
-        return tuple(key for key in known if key not in ON_REQUEST)
-    if isinstance(infos, str) and infos == "all":
-        return known
+    if isinstance(infos, str) and infos in ("all", "fast"):
+        return tuple(key for key in known if infos == "all" or key not in SLOW)
     is_list = isinstance(infos, Sequence) and not isinstance(infos, str)
     if not is_list or not all(key in known for key in infos):
-        raise ValueError(f"infos={infos!r} must be None, 'all', or a list of some of {', '.join(known)}")
+        raise ValueError(f"infos={infos!r} must be 'all', 'fast', or a list of some of {', '.join(known)}")
     return tuple(key for key in known if key in infos)
 
 

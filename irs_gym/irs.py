@@ -155,14 +155,15 @@ _MAGNITUDES: dict[str, Callable[[Cascade], Floats]] = {
 def continuous_phases(direct: Complexes, reflected: Complexes) -> Floats:
     """Optimal continuous phase shifts, eq. (14): angle(h) - angle(w_n), in [0, 2 pi), shape ``(n, N)``.
 
-    ``direct`` h has shape ``(n,)``, ``reflected`` w ``(n, N)``. Where h = 0 the reference phase is 0.
+    ``direct`` h has shape ``(n,)``, ``reflected`` w ``(n, N)``. The angle of 0 is 0: a blocked panel's sub-surfaces
+    all hold the phase of h, and where h = 0 the reference phase is 0.
     """
-    return np.mod(_reference_phase(direct)[:, None] - np.angle(reflected), 2 * np.pi)
+    return np.mod(_angle(direct)[:, None] - _angle(reflected), 2 * np.pi)
 
 
-def _reference_phase(direct: Complexes) -> Floats:
-    # not angle() alone: that of a zero with a negative sign is pi
-    return np.where(direct == 0, 0.0, np.angle(direct))
+def _angle(channels: Complexes) -> Floats:
+    """Phase of each channel in (-pi, pi], 0 for one that is 0, whatever the signs of its zeros."""
+    return np.where(channels == 0, 0.0, np.angle(channels))
 
 
 def nearest_phases(direct: Complexes, reflected: Complexes, levels: int) -> Floats:
@@ -184,7 +185,7 @@ def optimal_phases(direct: Complexes, reflected: Complexes, levels: int) -> Floa
     switches every sub-surface exactly once, so one of N + 1 settings is optimal (arXiv 2211.04704, 2211.04167).
     """
     delta = 2 * np.pi / levels
-    start = _reference_phase(direct)[:, None] - delta / 2 - np.angle(reflected)
+    start = _angle(direct)[:, None] - delta / 2 - _angle(reflected)
     step = np.rint(start / delta)
     switch = (step + 0.5) * delta - start
     first = reflected * np.exp(1j * delta * step)
@@ -192,7 +193,9 @@ def optimal_phases(direct: Complexes, reflected: Complexes, levels: int) -> Floa
     change = np.take_along_axis(first, order, axis=1) * (np.exp(1j * delta) - 1)
     total = (direct + first.sum(axis=1))[:, None] + np.pad(np.cumsum(change, axis=1), ((0, 0), (1, 0)))
     switched = np.argsort(order, axis=1) < np.argmax(np.abs(total), axis=1)[:, None]
-    return np.asarray(np.mod(step + switched, levels) * delta)
+    # A sub-surface that reflects nothing is optimal at any level: it holds the one nearest to eq. (14).
+    chosen = np.where(reflected == 0, np.rint(start / delta + 0.5), step + switched)
+    return np.asarray(np.mod(chosen, levels) * delta)
 
 
 _QUANTISERS: dict[str, Callable[[Complexes, Complexes, int], Floats]] = {

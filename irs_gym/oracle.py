@@ -13,6 +13,8 @@ from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves
 
 Integers = NDArray[np.integer[Any]]
 
+_TIE = 1e-9  # relative: lengths are sums of floats, and moves that lose no more than this are as good as the best
+
 
 @dataclass(frozen=True, eq=False)
 class Path:
@@ -104,6 +106,37 @@ def descend(to_go: NDArray[np.float64], start: Cell, cell_size: float) -> Path:
         cells.append(ahead[np.argmin(length + to_go[ahead[:, 0], ahead[:, 1]])])
     path = np.stack(cells)
     return Path(path_length(path, cell_size), path)
+
+
+def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np.float64]:
+    """How much longer than the shortest a path from each cell becomes with each move.
+
+    Parameters
+    ----------
+    to_go
+        Distances to go in metres, +inf where the goal cannot be reached; shape ``(S, X, Y)``.
+    cell_size
+        Edge of a cell in metres.
+
+    Returns
+    -------
+    Metres, shape ``(S, 8, X, Y)``; +inf for moves into and from cells from which the goal cannot be reached.
+    """
+    columns, rows = to_go.shape[1:]
+    padded = np.pad(to_go, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
+    ahead = np.stack([padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1)
+    length = MOVE_LENGTHS[:, None, None] * cell_size
+    return ahead + length - np.where(np.isfinite(to_go), to_go, -np.inf)[:, None]
+
+
+def optimal_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np.bool_]:
+    """Which moves from each cell begin a shortest path; the arguments are those of `detours_of_moves`.
+
+    Returns
+    -------
+    Shape ``(S, 8, X, Y)``; no move where the goal cannot be reached, nor at the goal.
+    """
+    return detours_of_moves(to_go, cell_size) <= np.where(np.isfinite(to_go), to_go, 0.0)[:, None] * _TIE
 
 
 def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cell) -> float:

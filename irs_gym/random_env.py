@@ -1,5 +1,6 @@
 """`IrsNavRandomEnv`: the single environment over many scenes, a thin shell over its episodes."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -9,14 +10,15 @@ from gymnasium import spaces
 from gymnasium.wrappers import HumanRendering, RenderCollection
 from numpy.typing import NDArray
 
-from irs_gym.dynamics import ACTIONS
-from irs_gym.episode import Episode, begin
+from irs_gym.dynamics import ACTIONS, Transition
+from irs_gym.episode import Episode, begin, resume
 from irs_gym.grid import Cell
 from irs_gym.infos import Infos, checked_keys
 from irs_gym.interface import METADATA, PlainSpec, checked_options, checked_render_mode, checked_seed
 from irs_gym.oracle import Path
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
 from irs_gym.rendering.modes import with_render_mode
+from irs_gym.snapshot import Snapshot
 from irs_gym.task import World
 
 
@@ -42,7 +44,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     - ``irs`` (3,): presence, resolution and number of elements of the scene's IRS.
 
     ``observation="flat"`` is the same packed as one Box, in the order of `gymnasium.spaces.flatten`.
-    ``observation="map"`` is an image (4, X, Y), channels first: margin, obstacle, robot, goal.
+    ``observation="masked"`` is a Dict of that Box as ``observation`` and of ``action_mask`` (8,), int8, 1 where an
+    action is not refused. ``observation="map"`` is an image (4, X, Y), channels first: margin, obstacle, robot, goal.
+    ``observation="cell"`` is ``Discrete(X * Y)``: the robot's cell (i, j) in the frame as i * Y + j, for tables.
 
     ## Rewards
     As in `IrsNavEnv`: minus the metres of the move, plus the decrease of the octile distance to the goal, plus
@@ -56,11 +60,13 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     ## Episode End
     Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell below the target.
     Truncated after 400 steps in every split, which is several times an optimal path on the largest maps;
-    ``gymnasium.make(..., max_episode_steps=n)`` changes that. Refused moves are as in `IrsNavEnv`.
+    ``gymnasium.make(..., max_episode_steps=n)`` changes that. `python -m eval` scores its policies over
+    max(400, 5 (X + Y)) steps: 400 on the usual maps of 40 x 40 cells, 800 in ``"ood-size"``. Refused moves are as in
+    `IrsNavEnv`.
 
     ## Arguments
-    The fields of `irs_gym.random_task.RandomTask`, ``infos`` (as in `IrsNavEnv`), and ``render_mode``
-    (``"rgb_array"`` or ``"ansi"``).
+    The fields of `irs_gym.random_task.RandomTask`, ``infos`` (as in `IrsNavEnv`), and ``render_mode``:
+    ``"rgb_array"`` or ``"ansi"``; `gymnasium.make` knows ``"human"``, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNavRandom-v0", num_envs=n, ...)``.
@@ -72,11 +78,12 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     metadata: dict[str, Any] = METADATA
     spec = PlainSpec()
 
-    def __init__(self, *, render_mode: str | None = None, infos: Infos = None, **arguments: Any) -> None:
+    def __init__(self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self._keys = checked_keys(infos, ["scene_id"])
         self._episode_keys = [key for key in self._keys if key != "scene_id"]
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
+        self._number = 0  # of the episode's scene
         first = self.worlds.world(0)
         self._episode = Episode(first, first.start, first.goal, self._episode_keys)
         self._episode.is_running = False
@@ -117,13 +124,41 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         """Which actions are not refused in this cell, bool ``(8,)``; see `IrsNavEnv.action_masks`."""
         return self._episode.action_masks()
 
+    def optimal_actions(self, cell: Cell | None = None) -> NDArray[np.int64]:
+        """All actions that begin a shortest feasible path, int64 ``(n,)``; see `IrsNavEnv.optimal_actions`."""
+        return self._episode.optimal_actions(cell)
+
+    def transition_table(self) -> Transition:
+        """What each action does in each cell of this episode's scene; see `IrsNavEnv.transition_table`."""
+        return self._episode.transition_table()
+
+    def optimal_q(self, gamma: float) -> NDArray[np.float64]:
+        """The optimal action values in this episode's scene, ``(X * Y, 8)``; see `IrsNavEnv.optimal_q`."""
+        return self._episode.optimal_q(gamma)
+
+    def get_state(self) -> bytes:
+        """Where the episode stands, as 42 bytes for `set_state`; see `IrsNavEnv.get_state`."""
+        return self._episode.snapshot(self._number).to_bytes()
+
+    def set_state(self, state: bytes) -> None:
+        """Go on from a state, in its scene; see `IrsNavEnv.set_state`."""
+        self.take_over(Snapshot.from_bytes(state))
+
+    def take_over(self, snapshot: Snapshot, path: Sequence[Cell] = ()) -> None:
+        """Go on with an episode that another environment began, with its path where that is known."""
+        if snapshot.scene >= len(self.worlds):
+            raise ValueError(f"state is of scene {snapshot.scene}, and there are {len(self.worlds)} here")
+        world = self.worlds.world(snapshot.scene)
+        self._episode = resume(world, snapshot, self._episode_keys, path)
+        self._number = snapshot.scene
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode in another scene; ``options`` may hold ``scene_id``, ``start`` and ``goal``."""
         super().reset(seed=checked_seed(seed))
         given = checked_options(options, "scene_id")
         number = self.worlds.choose(given.pop("scene_id", None), self.np_random)
         self._episode = begin(self.worlds.world(number), given, self.np_random, self._episode_keys)
-        self._scene_id = self.worlds.pool.names[number]
+        self._number = number
         observation, info = self._episode.opening()
         return observation, self._named(info)
 
@@ -135,7 +170,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     def _named(self, info: dict[str, Any]) -> dict[str, Any]:
         """The info with the scene's name."""
         if "scene_id" in self._keys:
-            info["scene_id"] = self._scene_id
+            info["scene_id"] = self.worlds.pool.names[self._number]
         return info
 
     def render(self) -> Any:

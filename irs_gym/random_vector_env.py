@@ -25,10 +25,12 @@ from irs_gym.interface import (
     checked_render_mode,
     each_seed,
 )
+from irs_gym.random_env import IrsNavRandomEnv
 from irs_gym.random_task import RandomTask, Worlds, build_worlds, random_task_of
 from irs_gym.rendering.frame_collection import FrameCollection
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.rendering.window import Window
+from irs_gym.single_envs import SingleEnvs
 from irs_gym.task import World
 
 
@@ -57,7 +59,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         render_mode: str | None = None,
-        infos: Infos = None,
+        infos: Infos = "fast",
         **arguments: Any,
     ) -> None:
         self.num_envs = checked_count("num_envs", num_envs)
@@ -70,6 +72,8 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self._episodes = VectorEpisodes(
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )
+
+        self._singles = SingleEnvs(self, partial(IrsNavRandomEnv, infos=infos, **arguments), self._episodes.snapshot)
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -107,6 +111,21 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``; see `IrsNavEnv.action_masks`."""
         return self._episodes.action_masks()
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What a method (or attribute) of each single environment gives, as `SyncVectorEnv.call`.
+
+        Raises ``AttributeError`` where there is none, or where it would move one environment alone.
+        """
+        return self._singles.call(name, *args, **kwargs)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute of each single environment: ``oracle``, ``path``, ``world`` ..., as `SyncVectorEnv.get_attr`."""
+        return self._singles.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of your own in each environment, as `SyncVectorEnv.set_attr`; theirs are refused."""
+        self._singles.set_attr(name, values)
 
     def render(self) -> tuple[Any, ...] | None:
         """A picture or text for each environment; None without a render mode."""
@@ -152,6 +171,9 @@ class _EpisodeSampler:
         states = states.copy()
         states[chosen] = self.ground.states_of(np.array(numbers), starts, goals)
         return states
+
+    def scene_number(self, states: States, i: int) -> int:
+        return int(self.ground.scenes(states[[i]])[0])
 
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         return self.ground.scene_and_goal(states, i)

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from hashlib import blake2b
 from math import isfinite
 from operator import index
 from pathlib import Path
@@ -166,6 +167,14 @@ class World:
         """Lowest expected channel gain that keeps the robot connected."""
         assert self.task.target_db is not None  # the task is resolved
         return self.task.target_db
+
+    @cached_property
+    def fingerprint(self) -> bytes:
+        """8 bytes that tell maps and rules apart; what is observed, and where episodes begin and end, is no part."""
+        task, grid = self.task, self.radio_map.grid
+        rules = (task.constraint, bool(task.shaping), float(task.goal_bonus), self.target_db)
+        said = repr((grid.shape, float(grid.cell_size), rules)).encode()
+        return blake2b(said + self.radio_map.gain_db.tobytes(), digest_size=8).digest()
 
     def __reduce__(self) -> Any:
         # A copy is the same world: rebuilt from its source in another process, shared in this one.

@@ -17,24 +17,28 @@ class PathHistory:
         self._shape = shape
         smallest = np.min_scalar_type(num_maps * shape[0] * shape[1] - 1)  # leaves the caches to the tables
         self._rows = np.zeros((length, num_robots), dtype=smallest)
-        self._clock = 0
+        self._clock = 0  # steps of all robots
         # of the episode of each robot, and of the one before it
         self._starts = np.zeros((2, num_robots), dtype=np.int64)
         self._began = np.zeros((2, num_robots), dtype=np.int64)
         self._ended = np.zeros(num_robots, dtype=np.int64)  # clock at the end of the one before
 
-    def begin(self, chosen: NDArray[np.int64], cells: NDArray[np.int64]) -> None:
-        """Start an episode of the chosen robots in the flat cells."""
+    def begin(self, chosen: NDArray[np.int64], cells: NDArray[np.int64], clock: int) -> None:
+        """Start an episode of the chosen robots in the flat cells at a time, in steps of all robots."""
         self._starts[1, chosen] = self._starts[0, chosen]
         self._began[1, chosen] = self._began[0, chosen]
-        self._ended[chosen] = self._clock
+        self._ended[chosen] = clock
         self._starts[0, chosen] = cells
-        self._began[0, chosen] = self._clock
+        self._began[0, chosen] = clock
 
-    def advance(self, cells: NDArray[np.int64]) -> None:
-        """Remember the flat cells ``(n,)`` after a step."""
-        self._clock += 1
-        self._rows[self._clock % len(self._rows)] = cells
+    def advance(self, cells: NDArray[np.int64], clock: int) -> None:
+        """Remember the flat cells ``(n,)`` after a step, at a time that is one step later than the last."""
+        self._clock = clock
+        self._rows[clock % len(self._rows)] = cells
+
+    def steps(self, robot: int) -> int:
+        """Steps of a robot since its episode began."""
+        return int(self._clock - self._began[0, robot])
 
     def path(self, robot: int, *, of_last_episode: bool | np.bool_ = False) -> list[Cell]:
         """Cells (i, j) of a robot's episode, or of the one before it, if that ended at the latest step.

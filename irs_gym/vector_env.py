@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from irs_gym.autoreset import AutoresetMode, checked_mode
 from irs_gym.dynamics import ACTIONS, check_task, choose_start, tables_for
+from irs_gym.env import IrsNavEnv
 from irs_gym.fleet import VectorEpisodes
 from irs_gym.grid import Cell
 from irs_gym.ground import RngOf, States
@@ -28,6 +29,7 @@ from irs_gym.observation import build_observer
 from irs_gym.rendering.frame_collection import FrameCollection
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.rendering.window import Window
+from irs_gym.single_envs import SingleEnvs
 from irs_gym.stack import build_stack
 from irs_gym.task import Task, World, build_world, task_of
 
@@ -48,9 +50,11 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     copy
         Whether each observation has memory of its own. Otherwise the next step overwrites it, which is faster.
     render_mode
-        ``"rgb_array"`` or ``"ansi"``: `render` gives one picture or text for each environment.
+        ``"rgb_array"`` or ``"ansi"``: `render` gives one picture or text for each environment. `gymnasium.make_vec`
+        knows ``"human"``, one window for all, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
     infos
-        Keys that the infos hold, see `IrsNavEnv`: ``"all"``, a list of some, or None for those that cost little.
+        Keys that the infos hold, at every step the same: ``"all"`` of the single environment's, a list of some, or
+        ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go`` and ``gain_db``.
     **arguments
         The fields of `irs_gym.task.Task`.
 
@@ -70,7 +74,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         render_mode: str | None = None,
-        infos: Infos = None,
+        infos: Infos = "fast",
         **arguments: Any,
     ) -> None:
         self.num_envs = checked_count("num_envs", num_envs)
@@ -84,6 +88,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self._episodes = VectorEpisodes(
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )
+
+        self._singles = SingleEnvs(self, partial(IrsNavEnv, infos=infos, **arguments), self._episodes.snapshot)
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -126,6 +132,21 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         """Which actions are not refused, bool ``(n, 8)``; see `IrsNavEnv.action_masks`."""
         return self._episodes.action_masks()
 
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What a method (or attribute) of each single environment gives, as `SyncVectorEnv.call`.
+
+        Raises ``AttributeError`` where there is none, or where it would move one environment alone.
+        """
+        return self._singles.call(name, *args, **kwargs)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute of each single environment: ``oracle``, ``path``, ``world`` ..., as `SyncVectorEnv.get_attr`."""
+        return self._singles.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of your own in each environment, as `SyncVectorEnv.set_attr`; theirs are refused."""
+        self._singles.set_attr(name, values)
+
     def render(self) -> tuple[Any, ...] | None:
         """A picture or text for each environment; None without a render mode."""
         return self._episodes.render(self.render_mode)
@@ -160,6 +181,9 @@ class _EpisodeSampler:
         states = self._restacked(states, goal)
         states[chosen] = cells + self.ground.first_state(goal)
         return states
+
+    def scene_number(self, states: States, i: int) -> int:
+        return 0
 
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         return self.world, self._goals[i]

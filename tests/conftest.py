@@ -1,4 +1,7 @@
-"""Tests marked ``needs(package, ...)`` are left out, and named at the end, where a package cannot be imported."""
+"""What all tests share: a key of their own, and that those marked ``needs(package, ...)`` run where the package is there.
+
+The others are left out and named at the end.
+"""
 
 import os
 import subprocess
@@ -9,6 +12,14 @@ from importlib.util import find_spec
 import pytest
 
 LEFT_OUT = pytest.StashKey[list[str]]()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_key(tmp_path_factory):
+    """So that none is made among the settings of whoever runs them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IRS_GYM_KEY", str(tmp_path_factory.mktemp("key") / "key"))
+        yield
 
 
 @cache

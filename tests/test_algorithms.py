@@ -1,20 +1,23 @@
 """Facts of the algorithms: their settings reach the learner, each trains, is kept and scored, and tables are exact."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from io import BytesIO
 from shlex import split
 
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from tiny import TINY, call, curve, open_floor
 
-from agents.algorithms import ALGORITHMS, load, model_class
+from agents.algorithms import ALGORITHMS, model_class
 from agents.checkpoint import Run
+from agents.manifest import Config
 from agents.policy import takes_masks
 from agents.q_learning import QLearning, QLearningConfig
 from agents.rollout import arguments_of, evaluation_env, roll_out
 from agents.vec_env import IrsNavVecEnv
+from agents.weights import WeightsError, load, pack
 from eval.score import score_run
 from irs_gym import RadioMap
 from irs_gym.dynamics import tabulate
@@ -154,12 +157,48 @@ def test_truncated_episode_is_no_end_to_a_table():
 
 
 def test_table_is_kept_without_pickles():
-    file = BytesIO()
-    QLearning(np.arange(48.0).reshape(6, 8), (3, 2)).save(file)
-    loaded = load("q_learning", file.getvalue())
-    assert (loaded.shape, loaded.table.tolist()) == ((3, 2), np.arange(48.0).reshape(6, 8).tolist())
+    task = obstructed()
+    config = Config(algorithm="q_learning", seed=0, env={}, agent={}, training={})
+    table = np.arange(240.0).reshape(30, 8)
+    loaded = load(config, task, pack(config, QLearning(table, (6, 5))))
+    assert (loaded.shape, loaded.table.tolist()) == ((6, 5), table.tolist())
+    for bad, message in ((np.array([print], dtype=object), "never read"), (table[1:], "not one table of float64")):
+        content = BytesIO()
+        np.savez(content, table=bad)
+        with pytest.raises(WeightsError, match=message):
+            load(config, task, content.getvalue())
 
-    bad = BytesIO()
-    np.savez(bad, table=np.array([print], dtype=object), shape=(1, 1))
-    with pytest.raises(ValueError, match="allow_pickle=False"):
-        load("q_learning", bad.getvalue())
+
+def choose(policy, observation: object, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What a policy does deterministically, and what it draws with random numbers from one seed."""
+    masks = {"action_masks": mask} if takes_masks(policy) else {}
+    greedy, _ = policy.predict(observation, deterministic=True, **masks)
+    torch.manual_seed(3)
+    drawn, _ = policy.predict(observation, deterministic=False, **masks)
+    return greedy, drawn
+
+
+@pytest.mark.parametrize("observation", ["flat", "dict"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_loaded_policy_acts_as_the_model_that_was_saved(tmp_path, algorithm, observation):
+    task = replace(obstructed(), observation=observation, patch_radius=1)
+    agent = DEFAULTS[algorithm].agent
+    env = IrsNavVecEnv(agent.n_envs, **arguments_of(task))
+    model = agent.build(env, seed=5)
+    if algorithm == "q_learning":
+        model.table[:] = np.random.default_rng(0).random(model.table.shape)
+    config = Config(algorithm=algorithm, seed=5, env=arguments_of(task), agent=asdict(agent), training={})
+    run = Run.create(tmp_path / "run", config)
+    run.save_model("best", model, 0, is_success=False, ratio=None)
+    loaded = Run.open(run.folder).load_model()
+    assert takes_masks(loaded) == takes_masks(model) == (algorithm == "maskable_ppo")
+
+    seen, rng = env.reset(), np.random.default_rng(0)
+    for _ in range(10):
+        mask = np.stack(env.env_method("action_masks"))
+        (greedy, drawn), (same, redrawn) = choose(loaded, seen, mask), choose(model, seen, mask)
+        np.testing.assert_array_equal(greedy, same)
+        if algorithm.endswith("ppo"):  # the others' random moves are for learning
+            np.testing.assert_array_equal(drawn, redrawn)
+            assert len(np.unique(drawn)) > 2
+        seen, *_ = env.step(rng.integers(8, size=agent.n_envs))

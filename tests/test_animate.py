@@ -60,8 +60,8 @@ def test_command_writes_a_reference_policys_episode(tmp_path, capsys):
 
 def test_command_writes_an_episode_of_a_run_into_its_folder(tmp_path, capsys):
     env = gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(CLOSE))
-    model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu", seed=0)
-    config = Config(algorithm="ppo", seed=0, env=arguments_of(CLOSE), agent={}, training={})
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, policy_kwargs={"net_arch": [8]}, device="cpu", seed=0)
+    config = Config(algorithm="ppo", seed=0, env=arguments_of(CLOSE), agent={"net_arch": [8]}, training={})
     run = Run.create(tmp_path / "run", config)
     run.save_model("best", model, 0, is_success=False, ratio=None)
     assert main(str(run.folder)) == 0

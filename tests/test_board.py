@@ -64,7 +64,8 @@ def _scripts(monkeypatch):
 def make_run(tmp_path, model):
     def make(kind: str, seed: int, *, status="finished", task: Task = TASK, rows=None, **agent) -> Run:
         """A run whose best model does as its kind says: it arrives at second 20 of tests at 10, 20 and 30."""
-        config = Config(algorithm="ppo", seed=seed, env=arguments_of(task), agent=agent, training={})
+        settings = {"net_arch": [4], **agent}
+        config = Config(algorithm="ppo", seed=seed, env=arguments_of(task), agent=settings, training={})
         run = Run.create(tmp_path / "runs" / f"{kind}-{len(find_runs(tmp_path))}", config)
         episode = roll_out(Script(MOVES[kind]), evaluation_env(run.task))
         run.save_model("best", model, 200, is_success=episode.is_success, ratio=episode.ratio)
@@ -131,10 +132,10 @@ def test_every_run_is_on_the_board_or_named_with_the_reason(monkeypatch, capsys,
         make_run("optimal", 0).folder: "repeats seed 0 of ",
         make_run("optimal", 3, rows=[{"steps": 1, "seconds": 2, "ratio": 1}]).folder: "learning_curve.csv' is damaged",
     }
-    (damaged := make_run("optimal", 4).folder / "best-200.zip").write_bytes(b"other")
+    (damaged := make_run("optimal", 4).folder / "best-200.npz").write_bytes(b"other")
     reasons[damaged.parent] = "is not loaded: its SHA-256"
     (cut := make_run("optimal", 5).folder / "config.json").write_text("{")
-    reasons[cut.parent] = "config.json' is damaged"
+    reasons[cut.parent] = "config.json' is not loaded"
     (lost := make_run("optimal", 6).folder / "manifest.json").unlink()
     reasons[lost.parent] = "not a run folder"
     lying = make_run("longer", 7)
@@ -293,3 +294,18 @@ def test_curve_of_a_run_is_read_as_it_was_written(make_run):
     assert curve.steps.tolist() == [float(row["steps"]) for row in rows]
     assert curve.spl.tolist() == [float(row["spl"]) for row in rows]
     assert not curve.is_optimal.any()
+
+
+def test_the_committed_scoreboard_is_the_page_of_its_board_and_marks_all_that_is_equal():
+    docs = Path(__file__).parents[1] / "docs"
+    told = json.loads((docs / "board.json").read_text(encoding="utf-8"))
+    assert markdown(told, board.FIGURES) == (docs / "scoreboard.md").read_text(encoding="utf-8")
+    spl = {}
+    for run in told["runs"]:
+        spl.setdefault((run["problem"], run["policy"]), []).append(run["spl"])
+    for problem in told["problems"]:
+        for standing in problem["standings"]:
+            if standing["kind"] == "learned":
+                values = spl[problem["label"], standing["name"]]
+                is_marked = standing["estimates"]["spl_mean"]["note"] == "all seeds equal"
+                assert is_marked == (max(values) - min(values) < 1e-9)

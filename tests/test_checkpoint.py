@@ -1,7 +1,8 @@
 """Facts of the run folder: what it keeps, what it refuses to load, and what a crash leaves behind."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ TINY = PpoConfig(n_envs=2, n_steps=4, batch_size=8, net_arch=(4,))
 
 
 def config(task: Task = TASK) -> Config:
-    return Config(algorithm="ppo", seed=0, env=arguments_of(task), agent={}, training={})
+    return Config(algorithm="ppo", seed=0, env=arguments_of(task), agent=asdict(TINY), training={})
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,10 @@ def save(run: Run, model, steps: int = 8, name: str = "best") -> None:
 
 
 def weights(model) -> np.ndarray:
-    return np.concatenate([each.detach().numpy().ravel() for each in model.policy.parameters()])
+    """Those that act, of a model or a policy."""
+    policy = getattr(model, "policy", model)
+    acting = [*policy.mlp_extractor.policy_net.parameters(), *policy.action_net.parameters()]
+    return np.concatenate([each.detach().numpy().ravel() for each in acting])
 
 
 def model_file(run: Run) -> Path:
@@ -73,7 +77,7 @@ def test_model_with_one_changed_byte_is_not_loaded(run, models):
     content = bytearray(model_file(run).read_bytes())
     content[len(content) // 2] ^= 1
     model_file(run).write_bytes(content)
-    with pytest.raises(RunError, match=r"best-8\.zip' is not loaded: its SHA-256 is [0-9a-f]{64}, and [0-9a-f]{64} in"):
+    with pytest.raises(RunError, match=r"best-8\.npz' is not loaded: its SHA-256 is [0-9a-f]{64}, and [0-9a-f]{64} in"):
         run.load_model()
 
 
@@ -81,7 +85,7 @@ def test_model_that_was_exchanged_or_cut_is_not_loaded(run, models):
     save(run, models[1], name="last")
     save(run, models[0])
     whole = model_file(run).read_bytes()
-    for content in ((run.folder / "last-8.zip").read_bytes(), whole[: len(whole) // 2], b""):
+    for content in ((run.folder / "last-8.npz").read_bytes(), whole[: len(whole) // 2], b""):
         model_file(run).write_bytes(content)
         with pytest.raises(RunError, match="is not loaded"):
             run.load_model()
@@ -92,36 +96,84 @@ def test_missing_model_is_named(run, models):
         run.load_model()
     save(run, models[0])
     model_file(run).unlink()
-    with pytest.raises(RunError, match=r"best-8\.zip', which the manifest lists, cannot be read"):
+    with pytest.raises(RunError, match=r"best-8\.npz', which the manifest lists, cannot be read"):
         run.load_model()
 
 
 def test_manifest_cannot_name_a_file_outside_its_folder(run, models):
     save(run, models[0])
     manifest = json.loads((run.folder / "manifest.json").read_text())
-    manifest["models"]["best"]["file"] = "../best-8.zip"
+    manifest["models"]["best"]["file"] = "../best-8.npz"
     (run.folder / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(RunError, match=r"damaged: models\.best\.(\w+\.)?file"):
         run.load_model()
 
 
-@pytest.mark.parametrize("name", ["manifest.json", "config.json"])
-def test_damaged_records_are_refused_by_name(run, name):
+@pytest.mark.parametrize(("name", "reason"), [("manifest.json", "is damaged"), ("config.json", "is not loaded")])
+def test_damaged_records_are_refused_by_name(run, name, reason):
     path = run.folder / name
     path.write_text(path.read_text()[: path.stat().st_size // 2])
-    with pytest.raises(RunError, match=f"{name}' is damaged"):
+    with pytest.raises(RunError, match=f"{name}' {reason}"):
         Run.open(run.folder)
 
 
+def change_file(run: Run, name: str, old: str, new: str, *, is_listed: bool) -> None:
+    """Change a file, and its SHA-256 in the manifest where the change shall not be told by that."""
+    path = run.folder / name
+    path.write_text(path.read_text().replace(old, new))
+    if is_listed:
+        digest = sha256(path.read_bytes()).hexdigest()
+        run.update(files={**run.manifest.files, name: digest})
+
+
 def test_records_of_another_format_or_with_bad_settings_are_refused(run):
-    for name, old, new in (
-        ("config.json", '"target_db": null', '"target_db": "low"'),
-        ("manifest.json", '"format_version": 1', '"format_version": 2'),
-    ):
-        path = run.folder / name
-        path.write_text(path.read_text().replace(old, new))
-        with pytest.raises(RunError, match=f"{name}'.*{old.split(chr(34))[1]}"):
-            Run.open(run.folder)
+    change_file(run, "config.json", '"target_db": null', '"target_db": "low"', is_listed=True)
+    with pytest.raises(RunError, match=r"config\.json'.*target_db"):
+        Run.open(run.folder)
+    change_file(run, "manifest.json", '"format_version": 1', '"format_version": 2', is_listed=False)
+    with pytest.raises(RunError, match=r"manifest\.json'.*format_version"):
+        Run.open(run.folder)
+
+
+def test_edited_configuration_is_refused_by_name_with_both_hashes(run):
+    listed = run.manifest.files["config.json"]
+    change_file(run, "config.json", '"seed": 0', '"seed": 1', is_listed=False)
+    found = sha256((run.folder / "config.json").read_bytes()).hexdigest()
+    for read in (Run.open, lambda folder: Run(folder).config, lambda folder: Run(folder).task):
+        with pytest.raises(RunError, match=rf"config\.json'.*SHA-256 is {found}, and {listed} in the manifest"):
+            read(run.folder)
+
+
+@pytest.mark.parametrize(("name", "argument"), [("scene.json", "scene"), ("radio_map.npz", "radio_map")])
+def test_edited_copy_of_a_scene_or_map_is_refused_by_name(tmp_path, name, argument):
+    given = {"scene": load_scene("paper").model_copy(update={"name": "mine"})}
+    if argument == "radio_map":
+        given = {"radio_map": RadioMap.from_array(np.zeros((2, 3)), 1.0), "start": (0, 0), "goal": (1, 1)}
+    run = Run.create(tmp_path / "run", config(Task(**given)))
+    path = run.folder / name
+    path.write_bytes(path.read_bytes() + b"\n")
+    with pytest.raises(RunError, match=rf"{name}' is not loaded: its SHA-256 is"):
+        Run.open(run.folder)
+
+
+def test_run_names_no_scene_outside_its_folder(run, tmp_path):
+    load_scene("paper").save(tmp_path / "elsewhere.json")
+    elsewhere = json.dumps(str(tmp_path / "elsewhere.json"))
+    change_file(run, "config.json", '"scene": "paper"', f'"scene": {elsewhere}', is_listed=True)
+    with pytest.raises(RunError, match=r"config\.json': scene='.*elsewhere\.json' is not in the folder"):
+        Run.open(run.folder)
+
+
+def test_model_of_an_older_version_is_refused_by_name(run, models):
+    save(run, models[0])
+    path = run.folder / "manifest.json"
+    path.write_text(path.read_text().replace("best-8.npz", "best-8.zip"))
+    with pytest.raises(RunError, match=r"best-8\.zip is a model of an older version.*: train anew"):
+        Run.open(run.folder)
+    run = Run.create(run.folder, config(), overwrite=True)
+    run.update(files={})
+    with pytest.raises(RunError, match=r"config\.json' is not read: the manifest holds no SHA-256 of it; train anew"):
+        Run.open(run.folder)
 
 
 def test_folder_without_manifest_is_no_run(tmp_path):
@@ -150,7 +202,7 @@ def test_what_is_not_a_run_is_never_replaced(tmp_path, name):
 def test_newer_model_takes_the_place_of_the_older(run, models):
     save(run, models[0], steps=8)
     save(run, models[1], steps=16)
-    assert [path.name for path in run.folder.glob("*.zip")] == ["best-16.zip"]
+    assert [path.name for path in run.folder.glob("*.npz")] == ["best-16.npz"]
     assert np.array_equal(weights(run.load_model()), weights(models[1]))
 
 

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import irs_gym
+from eval.unseen import detours
 from irs_gym.generator import CELL_SIZE, DIFFICULTIES, LEAST_RANGE_DB, Difficulty, draw, generate_scene, least_distance
 from irs_gym.oracle import highest_feasible_target, largest_component, shortest_path
+from irs_gym.pool import build_pool
 from irs_gym.radio_map import build_radio_map
 from irs_gym.scene import load_scene
 from irs_gym.units import wavelength_m
@@ -48,8 +50,15 @@ def test_start_and_goal_are_centres_of_cells_half_the_room_apart():
     assert least_distance(PAPER.room) == 10.0
 
 
-def test_at_least_half_of_the_scenes_need_a_detour_over_5_percent():
-    assert np.mean([each.detour > 1.05 for each in SAMPLE]) >= 0.5
+def test_three_of_five_scenes_are_drawn_until_they_need_a_detour_and_some_of_the_others_need_one_too():
+    has_to = np.array([np.random.default_rng(seed).random() < 0.6 for seed in range(len(SAMPLE))])
+    has_one = np.array([each.detour > 1.05 for each in SAMPLE])
+    assert (has_to.sum(), has_one.sum()) == (24, 31)
+    assert has_one[has_to].all()
+
+
+def test_seven_of_ten_test_scenes_need_a_detour_over_5_percent():
+    assert np.mean(detours(build_pool("test", 200)) > 1.05) == pytest.approx(0.717, abs=0.03)
 
 
 def test_every_hard_scene_needs_a_detour_over_20_percent():

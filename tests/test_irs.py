@@ -334,6 +334,38 @@ def test_without_a_direct_path_the_reference_phase_is_zero():
         assert np.array_equal(phases(blocked, reflected, 4), phases(np.zeros(50), reflected, 4))
 
 
+@pytest.mark.parametrize("levels", [2, 3, 4, 8])
+def test_sub_surfaces_that_reflect_nothing_hold_the_phase_of_the_direct_path(levels):
+    direct, _ = random_channels(200, 1, np.random.default_rng(12))
+    nothing = 0.0 * np.exp(1j * np.linspace(0, 6, 8)) * np.ones((200, 1))  # zeros of either sign
+    assert len(np.unique(np.angle(nothing))) > 1
+    wanted = continuous_phases(direct, nothing)
+    assert wanted == pytest.approx(np.mod(np.angle(direct), 2 * pi)[:, None] * np.ones(8), abs=1e-12)
+    for phases in (as_printed_phases, nearest_phases, optimal_phases):
+        assert np.array_equal(phases(direct, nothing, levels), phases(direct, np.zeros((200, 8)), levels))
+    assert np.array_equal(optimal_phases(direct, nothing, levels), nearest_phases(direct, nothing, levels))
+
+
+@pytest.mark.parametrize("model", ["far_field", "coherent", "spherical"])
+@pytest.mark.parametrize("bits", [None, 1, 2])
+def test_where_the_panel_is_out_of_sight_all_sub_surfaces_hold_the_phase_of_the_direct_path(bits, model):
+    grid = PAPER.grid(0.5)
+    free = map(tuple, np.argwhere(build_radio_map().free))
+    robots = {cell: (*grid.centre(cell), PAPER.antenna_height) for cell in free}
+    ap, place = PAPER.access_points[0].position, PAPER.irs_panels[0].position
+    blind = [cell for cell, robot in robots.items() if budget(PAPER, robot, place).factor == 0]
+    assert len(blind) == 506
+    lengths = np.array([np.linalg.norm(np.subtract(robots[cell], ap)) for cell in blind])
+    is_lit = np.array([budget(PAPER, robots[cell], ap).factor > 0 for cell in blind])
+    angles = np.where(is_lit, -2 * pi * 2e9 / 299_792_458 * lengths, 0.0)
+    half_a_level = 0.0 if bits is None else pi / 2**bits
+    for quantiser in ("nearest", "optimal"):
+        shifts = build_phase_shifts(PAPER, 0.5, None, bits, quantiser, model)[tuple(zip(*blind, strict=True))]
+        assert np.ptp(shifts, axis=1).max() == 0
+        apart = np.abs(np.angle(np.exp(1j * (shifts[:, 0] - angles))))
+        assert apart.max() <= half_a_level + 1e-5
+
+
 @pytest.mark.parametrize("levels", [2, 3, 4, 8, 64])
 def test_nearest_is_the_level_nearest_on_the_circle(levels):
     direct, reflected = random_channels(40, 20, np.random.default_rng(10))

@@ -14,18 +14,17 @@ from agents.expedition import Expedition, Terms
 from agents.exploration import Exploration
 from agents.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
 from agents.explorer_policy import Explorer, likeliest
-from agents.imitation import detours_of_moves
 from agents.local_extractor import FRAME, LocalExtractor
 from agents.local_settings import ExplorerConfig, ExplorerPpoConfig, LocalPpoConfig
 from agents.map_learner import MapLearner
 from agents.map_policy import MapPolicy
-from agents.pool_rollout import most_steps, play
+from agents.pool_rollout import Episodes, most_steps, play
 from agents.proximal import advantages, draw, proximal_loss
 from agents.replanning import Replanner
 from agents.rollout import evaluation_env, roll_out
 from agents.seen import Seen, parts_of, patches_of
 from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
-from irs_gym.oracle import distance_to_go
+from irs_gym.oracle import detours_of_moves, distance_to_go
 from irs_gym.pool import Pool
 from irs_gym.task import Task
 
@@ -161,8 +160,14 @@ def test_playing_a_pool_is_playing_each_scene_in_the_environment(kind):
 def test_playing_other_frames_takes_their_shape_and_more_steps():
     wide = tiny_pool(3, (20, 9), seed=4)
     assert play(explorer(shape=(9, 7), optimistic=True), wide).is_success.all()
-    assert most_steps(wide) == 400
+    assert most_steps(wide) == gymnasium.spec("IrsNavRandom-v0").max_episode_steps == 400
     assert most_steps(tiny_pool(1, (80, 80))) == 800
+
+
+def test_a_path_that_rounding_makes_shorter_than_the_oracles_has_an_spl_of_one():
+    oracle = np.array([0.3, 0.3, 0.3])
+    shorter = Episodes(np.array([True, True, False]), np.array([0.3 * (1 - 1e-10), 0.6, 0.1]), oracle)
+    assert shorter.spl.tolist() == [1.0, 0.5, 0.0]
 
 
 def test_explorer_remembers_by_its_state_alone():

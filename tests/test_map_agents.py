@@ -10,7 +10,7 @@ import torch
 from tiny_pool import tiny_pool
 
 from agents.algorithms import read_network
-from agents.imitation import imitation_loss, optimal_moves
+from agents.imitation import imitation_loss
 from agents.map_network import NetworkFileError, Plan, build_network, maps_of, pack_network, plan_pool, unpack_network
 from agents.map_policy import MapPolicy
 from agents.map_settings import ImitationConfig, PlannerConfig, PlannerPpoConfig, UNetConfig, UNetPpoConfig, VinConfig
@@ -19,6 +19,7 @@ from agents.pool_rollout import follow, play
 from agents.scene_ppo import GOAL_BONUS, rules_of
 from agents.symmetry import SYMMETRIES, sources, turn, turn_moves
 from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
+from irs_gym.oracle import optimal_moves
 
 POOL = tiny_pool()
 SMALL = {

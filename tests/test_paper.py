@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 
 from eval import monte_carlo, paper, scaling
-from eval.beyond_sections import cost_promises, cost_section
+from eval.beyond_sections import cost_promises, cost_section, distinct_gains, trade_off_section
 from eval.claim import Claim, number
 from eval.curve_figures import draw_distance_over_target
 from eval.distance_claims import excess, extra_elements, lost_db
 from eval.map_claims import model_claims
 from eval.map_figures import draw_gain_maps, draw_scene
-from eval.paper_sections import claims_section
+from eval.paper_sections import claims_section, open_choices_section
 from eval.scaling import Cost
 from eval.segments import dips_of_map, dips_of_path
 from eval.study import CONTINUOUS, ONE_BIT, SCHEMES, THREE_BIT, TWO_BIT, WITHOUT, Study
@@ -184,6 +184,31 @@ def test_extra_elements_are_those_of_all_pairs_of_schemes_and_numbers():
         needed = min(n for n in counts if STUDY.distance(ONE_BIT, -61.8, elements=n) <= length + 1e-9)
         expected = max(expected, needed - fewest)
     assert extra_elements(STUDY, ONE_BIT, [TWO_BIT, THREE_BIT, CONTINUOUS], "nearest") == expected == 600
+
+
+def test_a_panel_of_flat_sub_surfaces_needs_1400_more_elements_beyond_the_axis_of_the_figure():
+    panel = STUDY.scene.irs_panels[0].model_copy(update={"elements_per_subsurface": (10, 2)})
+    flat = Study(STUDY.scene.model_copy(update={"irs_panels": (panel,)}))
+    assert flat.distance(CONTINUOUS, -61.8, elements=2400) == pytest.approx(21.571, abs=5e-4)
+    assert flat.distance(ONE_BIT, -61.8, elements=3600) > 22
+    assert flat.distance(ONE_BIT, -61.8, elements=3800) == pytest.approx(21.571, abs=5e-4)
+    assert extra_elements(flat, ONE_BIT, [CONTINUOUS], "nearest") == 1400
+
+
+def test_the_factory_is_its_own_mirror_image_so_half_of_its_free_cells_have_gains_of_their_own():
+    for scheme, distinct in zip(SCHEMES, (495, 640, 640, 640, 640), strict=True):
+        gain_db = STUDY.radio_map(scheme).gain_db
+        free = np.isfinite(gain_db)
+        np.testing.assert_allclose(gain_db[free], gain_db[::-1][free], rtol=0, atol=1e-12)
+        assert distinct_gains(gain_db) == distinct
+        gaps = np.diff(np.sort(gain_db[free]))
+        assert not ((gaps > 1e-12) & (gaps < 1e-8)).any()  # so the tolerance does not matter
+
+
+def test_the_committed_page_tells_open_choices_and_trade_offs_as_they_are_computed():
+    page = (DOCS / "paper.md").read_text(encoding="utf-8")
+    assert open_choices_section(STUDY).strip() in page
+    assert trade_off_section(STUDY).strip() in page
 
 
 def test_gains_between_cells_are_those_of_the_map_in_their_centres():

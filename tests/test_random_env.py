@@ -234,7 +234,7 @@ def test_bad_arguments_are_refused_by_name(kwargs, message, kind):
 
 def test_unknown_arguments_and_folders_are_refused_by_name(tmp_path):
     with pytest.raises(
-        TypeError, match="got an unexpected keyword argument .target_db.: the arguments are split, num_scenes, scenes"
+        TypeError, match="got an unexpected keyword argument 'target_db': the arguments are split, num_scenes, scenes"
     ):
         make(target_db=-61.8)
     with pytest.raises(FileNotFoundError, match="is no folder of scene files"):

@@ -22,7 +22,13 @@ OFTEN = {"scenes": tiny_pool(12, (9, 7)), "goal_bonus": 100.0, "max_episode_step
 @pytest.mark.parametrize("constraint", ["refuse", "terminate", "allow"])
 @pytest.mark.parametrize(("observation", "patch_radius"), [("dict", 3), ("flat", 0), ("map", 1)])
 def test_vector_env_equals_n_single_envs(constraint, observation, patch_radius, mode):
-    kwargs = {"constraint": constraint, "observation": observation, "patch_radius": patch_radius, **OFTEN}
+    kwargs = {
+        "infos": "all",
+        "constraint": constraint,
+        "observation": observation,
+        "patch_radius": patch_radius,
+        **OFTEN,
+    }
     ours, single = both(ID, 4, mode, random_start=0.5, **kwargs)
     assert assert_equal_for(120, ours, single) > 30
 
@@ -30,7 +36,7 @@ def test_vector_env_equals_n_single_envs(constraint, observation, patch_radius, 
 def test_every_move_in_every_state_is_that_of_single_envs():
     pool = tiny_pool(2, (5, 4), seed=3)
     for constraint in ("refuse", "terminate", "allow"):
-        kwargs = {"scenes": pool, "constraint": constraint, "goal_bonus": 100.0, "patch_radius": 2}
+        kwargs = {"infos": "all", "scenes": pool, "constraint": constraint, "goal_bonus": 100.0, "patch_radius": 2}
         single = gymnasium.make(ID, **kwargs).unwrapped
         ours = gymnasium.make_vec(ID, num_envs=8, autoreset_mode="Disabled", **kwargs)
         for number in range(2):
@@ -45,13 +51,13 @@ def test_every_move_in_every_state_is_that_of_single_envs():
                     one = single.step(action)
                     assert_same({key: value[action] for key, value in obs.items()}, one[0])
                     assert (reward[action], terminated[action]) == one[1:3]
-                    for key in set(one[4]) - {"path"}:
+                    for key in one[4]:
                         np.testing.assert_array_equal(infos[key][action], one[4][key])
 
 
 def test_a_goal_of_ones_own_equals_that_of_a_single_env():
     pool = tiny_pool(3, (9, 7), seed=1)
-    kwargs = {"scenes": pool, "max_episode_steps": 12}
+    kwargs = {"infos": "all", "scenes": pool, "max_episode_steps": 12}
     ours = gymnasium.make_vec(ID, num_envs=3, **kwargs)
     single = gymnasium.make(ID, **kwargs)
     options = {"scene_id": "tiny-1", "start": pool.goal[1].tolist(), "goal": pool.start[1].tolist()}
@@ -75,7 +81,7 @@ def test_a_goal_of_ones_own_equals_that_of_a_single_env():
 
 
 def test_the_scene_of_each_environment_can_be_chosen():
-    env = gymnasium.make_vec(ID, num_envs=4, scenes=OFTEN["scenes"])
+    env = gymnasium.make_vec(ID, num_envs=4, scenes=OFTEN["scenes"], infos="all")
     assert env.reset(seed=0, options={"scene_id": 5})[1]["scene_id"].tolist() == ["tiny-5"] * 4
     names = ["tiny-3", 2, np.int64(11), "tiny-0"]
     assert env.reset(options={"scene_id": names})[1]["scene_id"].tolist() == ["tiny-3", "tiny-2", "tiny-11", "tiny-0"]

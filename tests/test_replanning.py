@@ -101,9 +101,9 @@ def test_batches_act_as_single_robots_do_each_with_a_memory_of_its_own():
     observation, _ = batch.reset(options={"scene_id": list(range(6))})
     while len(walked) < 6:
         actions, state = policy.predict(observation, state, starts)
-        observation, _, starts, _, infos = batch.step(actions)
+        observation, _, starts, _, _ = batch.step(actions)
         for n in np.flatnonzero(starts).tolist():
-            walked.setdefault(n, np.asarray(infos["final_info"]["path"][n]).tolist())
+            walked.setdefault(n, np.asarray(batch.paths()[n]).tolist())
     assert [walked[n] for n in range(6)] == expected
 
 

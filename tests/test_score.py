@@ -1,7 +1,7 @@
 """Facts of scoring: the oracle scores one, failures count as failures, and a run is scored as it was trained."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from io import BytesIO, StringIO
 
 import numpy as np
@@ -28,10 +28,14 @@ TINY = PpoConfig(n_envs=2, n_steps=4, batch_size=8, net_arch=(4,))
 @pytest.fixture
 def run(tmp_path) -> Run:
     """A run whose agent has learned nothing."""
-    run = Run.create(tmp_path / "run", Config(algorithm="ppo", seed=0, env=arguments_of(TASK), agent={}, training={}))
-    model = TINY.build(IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK)), 0)
-    run.save_model("best", model, 0, is_success=False, ratio=None)
+    config = Config(algorithm="ppo", seed=0, env=arguments_of(TASK), agent=asdict(TINY), training={})
+    run = Run.create(tmp_path / "run", config)
+    run.save_model("best", untrained(), 0, is_success=False, ratio=None)
     return run
+
+
+def untrained():
+    return TINY.build(IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK)), 0)
 
 
 def episode(*, is_success: bool, distance: float, refused: int = 0) -> Episode:
@@ -135,7 +139,7 @@ def test_table_of_a_terminal_of_80_columns_is_not_cut():
 
 def test_several_runs_are_scored_in_one_call(monkeypatch, run, tmp_path):
     other = Run.create(tmp_path / "other", run.config)
-    other.save_model("last", run.load_model(), 0, is_success=False, ratio=None)
+    other.save_model("last", untrained(), 0, is_success=False, ratio=None)
     assert call(monkeypatch, "score", run.folder, other.folder, "--episodes", 1) == 2  # the other has no best model
     assert call(monkeypatch, "score", other.folder, "--model", "last", "--episodes", 1) == 0
     assert (run.folder / "scores.json").exists()
@@ -145,9 +149,9 @@ def test_several_runs_are_scored_in_one_call(monkeypatch, run, tmp_path):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda run: (run.folder / "best-0.zip").write_bytes(b"other"), "is not loaded: its SHA-256"),
-        (lambda run: (run.folder / "best-0.zip").unlink(), "cannot be read"),
-        (lambda run: (run.folder / "config.json").write_text("{"), "config.json' is damaged"),
+        (lambda run: (run.folder / "best-0.npz").write_bytes(b"other"), "is not loaded: its SHA-256"),
+        (lambda run: (run.folder / "best-0.npz").unlink(), "cannot be read"),
+        (lambda run: (run.folder / "config.json").write_text("{"), "config.json' is not loaded"),
         (lambda run: (run.folder / "manifest.json").unlink(), "not a run folder"),
     ],
 )

@@ -77,6 +77,17 @@ def test_equal_seeds_have_no_width_and_say_so():
     assert not estimate([[0.0, 1.0], [1.0, 0.0]]).note
 
 
+def test_seeds_that_the_rounding_of_sums_alone_keeps_apart_are_equal():
+    lengths = [0.1 + 0.2, 0.3]
+    assert lengths[0] != lengths[1]
+    for statistic in (mean, interquartile_mean, median):
+        found = estimate([each / lengths[0] for each in lengths] * 5, statistic)
+        assert (found.note, found.low, found.high) == (ALL_EQUAL, found.value, found.value)
+    assert estimate([inf, inf], median) == Estimate(inf, inf, inf, ALL_EQUAL)
+    assert not estimate([1.0, inf], median).note
+    assert not estimate([1.0, 1.0 + 1e-6]).note
+
+
 def test_share_of_seeds_keeps_an_interval_at_all_and_none():
     # Clopper and Pearson: all of n succeed with probability p^n, which is 2.5 % at the lower end.
     assert share(10, 10) == Estimate(1.0, pytest.approx(0.025 ** (1 / 10)), 1.0)

@@ -1,35 +1,37 @@
-"""Facts about trails and the ring that remembers them."""
+"""Facts about the paths of many robots."""
 
 import numpy as np
 import pytest
 
-from irs_gym.trail import History, Trail
+from irs_gym.trail import PathHistory, cells_of
 
 
-def test_a_trail_is_a_sequence_of_cells_without_standing_still():
-    trail = Trail(np.array([0, 0, 5, 6, 6, 5]), (3, 5))
-    assert list(trail) == [(0, 0), (1, 0), (1, 1), (1, 0)]
-    assert trail == [(0, 0), (1, 0), (1, 1), (1, 0)]
-    assert trail != [(0, 0)]
-    assert (len(trail), trail[-1], trail[1:3]) == (4, (1, 0), [(1, 0), (1, 1)])
-    assert np.asarray(trail).tolist() == [[0, 0], [1, 0], [1, 1], [1, 0]]
-    assert np.asarray(trail, dtype=float).dtype == float
-    with pytest.raises(TypeError):
-        hash(trail)
+def test_repeated_cells_count_once_and_maps_lie_one_above_the_other():
+    assert cells_of(np.array([0, 0, 5, 6, 6, 5]), (3, 5)) == [(0, 0), (1, 0), (1, 1), (1, 0)]
+    assert cells_of(np.array([15, 16]), (3, 5)) == [(0, 0), (0, 1)]
 
 
-def test_the_ring_gives_back_every_trail_however_often_it_went_round():
+@pytest.mark.parametrize("length", [7, 20])
+def test_paths_are_those_walked_whenever_robots_begin_anew(length):
     rng = np.random.default_rng(0)
-    history, walked = History(4, 8, (6, 6)), [[0] for _ in range(4)]
-    for step in range(100):
-        cells = rng.integers(0, 36, 4)
-        history.advance(cells)
-        for n, cell in enumerate(cells):
-            walked[n].append(cell)
-        if step % 3 == 0:  # robot step % 4 goes elsewhere
-            n, cell = step % 4, int(rng.integers(0, 36))
-            history.begin(np.array([n]), np.array([cell]))
-            walked[n] = [cell]
-        steps = np.array([min(len(each) - 1, 7) for each in walked])
-        for trail, each, count in zip(history.trails(np.arange(4), steps)(), walked, steps, strict=True):
-            assert trail == Trail(np.array(each[len(each) - 1 - count :]), (6, 6))
+    history = PathHistory(4, length, (6, 6))
+    walked = [[int(cell)] for cell in rng.integers(36, size=4)]
+    history.begin(np.arange(4), np.array([each[0] for each in walked]), 0)
+
+    for clock in range(1, 201):
+        cells = rng.integers(36, size=4)
+        history.advance(cells, clock)
+        for each, cell in zip(walked, cells, strict=True):
+            each.append(int(cell))
+
+        ended = np.flatnonzero([len(each) > length or rng.random() < 0.1 for each in walked])
+        before = {i: walked[i] for i in ended}
+        for i in ended:
+            walked[i] = [int(rng.integers(36))]
+        history.begin(ended, np.array([walked[i][0] for i in ended], dtype=np.int64), clock)
+
+        for i in range(4):
+            assert history.path(i) == cells_of(np.array(walked[i]), (6, 6))
+            assert history.steps(i) == len(walked[i]) - 1
+        for i, each in before.items():
+            assert history.path(i, of_last_episode=True) == cells_of(np.array(each), (6, 6))

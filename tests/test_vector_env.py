@@ -19,7 +19,15 @@ OFTEN = {"target_db": -62.2, "patch_radius": 2, "start": (30, 22), "goal": (33, 
 @pytest.mark.parametrize("observation", ["dict", "flat", "map"])
 def test_vector_env_equals_n_single_envs(constraint, observation, mode):
     ours, single = both(
-        ID, 5, mode, constraint=constraint, observation=observation, random_start=0.5, goal_bonus=30.0, **OFTEN
+        ID,
+        5,
+        mode,
+        constraint=constraint,
+        observation=observation,
+        random_start=0.5,
+        goal_bonus=30.0,
+        infos="all",
+        **OFTEN,
     )
     assert assert_equal_for(10_000 // 5, ours, single) > 300
 
@@ -40,15 +48,16 @@ def test_next_step_autoreset_ignores_the_action_and_pays_nothing():
     _, _, terminated, _, infos = env.step(np.array([0, 4]))
     assert terminated.tolist() == [True, False]
     assert infos["is_success"].tolist() == [True, False]
-    assert infos["path"][0] == [(38, 20), (39, 20)]
+    assert env.paths()[0] == [(38, 20), (39, 20)]
     obs, reward, terminated, truncated, infos = env.step(np.array([4, 4]))
     assert (reward[0], terminated[0], truncated[0]) == (0.0, False, False)
-    assert infos["_oracle_distance"].tolist() == [True, False]
+    assert env.paths() == [[(38, 20)], [(38, 20), (37, 20), (36, 20)]]
     np.testing.assert_array_equal(obs["position"][0], env.reset()[0]["position"][0])
 
 
 def test_the_first_environments_infos_outlive_the_next_steps():
-    env = gymnasium.make_vec(ID, num_envs=4, autoreset_mode="SameStep", random_start=True, target_db=-62.5)
+    arguments = {"random_start": True, "target_db": -62.5, "infos": "all"}
+    env = gymnasium.make_vec(ID, num_envs=4, autoreset_mode="SameStep", **arguments)
     env.reset(seed=0)
     rng, kept, seen = np.random.default_rng(0), [], []
     for _ in range(300):
@@ -95,7 +104,7 @@ def test_a_reset_mask_leaves_the_others_alone():
     assert (after["position"][mask] != before["position"][mask]).any()
     truncated, infos = env.step(np.zeros(4, dtype=int))[3:]
     assert truncated.tolist() == (~mask).tolist()
-    assert [None if path is None else len(path) for path in infos["path"]] == [None, 4, None, 4]
+    assert [len(path) for path in env.paths()] == [2, 4, 2, 4]
     with pytest.raises(ResetNeeded, match=r"environments \[1, 3\] have ended"):
         env.step(np.zeros(4, dtype=int))
     env.reset(options={"reset_mask": ~mask})
@@ -122,6 +131,7 @@ def test_a_goal_that_the_own_start_cannot_reach_is_refused_where_starts_are_draw
 @pytest.mark.parametrize("observation", ["dict", "map"])
 def test_environments_with_goals_of_their_own_equal_single_ones(observation):
     kwargs = {"observation": observation, "target_db": -62.2, "max_episode_steps": 25, "patch_radius": 3}
+    kwargs["infos"] = "all"
     ends = [((20, 35), (24, 33)), ((30, 22), (33, 20)), ((20, 35), (15, 36)), ((0, 20), (3, 22))]
     ours = gymnasium.make_vec(ID, num_envs=4, autoreset_mode="Disabled", **kwargs)
     singles = [gymnasium.make(ID, **kwargs) for _ in ends]
@@ -147,7 +157,7 @@ def test_environments_with_goals_of_their_own_equal_single_ones(observation):
             for key in ("distance", "distance_to_go", "is_success", "spl", "margin_db", "refused"):
                 assert infos[key][i] == one[4][key], key
             if one[2] or one[3]:
-                assert infos["path"][i] == env.unwrapped.path
+                assert ours.paths()[i] == env.unwrapped.path
                 reached += one[2]
                 begin(i)
     assert reached > 20
@@ -155,7 +165,7 @@ def test_environments_with_goals_of_their_own_equal_single_ones(observation):
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_a_goal_set_at_the_reset_outlasts_the_episodes_of_others(mode):
-    env = gymnasium.make_vec(ID, num_envs=2, max_episode_steps=4, autoreset_mode=mode)
+    env = gymnasium.make_vec(ID, num_envs=2, max_episode_steps=4, autoreset_mode=mode, infos="all")
     env.reset(options={"goal": (20, 35)})
     for _ in range(2):
         env.step(np.array([4, 4]))
@@ -224,7 +234,7 @@ def test_pictures_and_texts_are_those_of_single_environments():
 
 def test_gymnasiums_vector_wrappers_fit():
     def last_infos(wrapper):
-        env = wrapper(gymnasium.make_vec(ID, num_envs=3, observation="flat", max_episode_steps=6))
+        env = wrapper(gymnasium.make_vec(ID, num_envs=3, observation="flat", max_episode_steps=6, infos="all"))
         env.reset(seed=0)
         return [env.step(np.full(3, 4))[4] for _ in range(6)][-1]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents.algorithms import ALGORITHMS
+from agents.arrays import read_arrays
 from agents.checkpoint import Run
 from irs_gym import RadioMap
 from train.__main__ import main
@@ -51,8 +52,5 @@ def open_floor(folder: Path) -> list[str]:
 
 
 def numbers(run: Run, name: str = "last") -> list[np.ndarray]:
-    """All numbers that a model has learned."""
-    model = run.load_model(name)
-    if run.config.algorithm == "q_learning":
-        return [model.table]
-    return [each.detach().numpy() for each in model.policy.parameters()]
+    """All numbers that a model acts by."""
+    return list(read_arrays(run.read_model(name)).values())

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from agents.algorithms import Algorithm, Generalist
-from agents.checkpoint import Run
+from agents.checkpoint import Run, RunError
 from agents.dqn import DqnConfig
 from agents.local_settings import (
     ExplorerConfig,
@@ -48,7 +48,11 @@ class RunConfig:
     out: Path | None = None
     """Run folder; None for a new one under runs/, named by algorithm, seed and time."""
     resume: Path | None = None
-    """Run folder to go on with, from its last checkpoint. Its own settings hold; none but progress may be given."""
+    """Run folder to go on with, from its last checkpoint. Its own settings hold; none but progress and trust may be
+    given."""
+    trust: bool = False
+    """Whether to resume a run folder that you have not made on this machine. That runs code which is stored in its
+    checkpoint, with all your rights: only say so where you trust whoever made it."""
     overwrite: bool = False
     """Whether an old run in that folder is replaced."""
     seed: int = 0
@@ -156,7 +160,7 @@ GENERALIST_DEFAULTS: dict[Generalist, GeneralistConfig] = {
     )
 }
 
-_OF_THE_CALL = ("out", "resume", "overwrite", "progress")  # not of the run, whose result they do not touch
+_OF_THE_CALL = ("out", "resume", "trust", "overwrite", "progress")  # not of the run, whose result they do not touch
 
 
 def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig | None:
@@ -185,7 +189,10 @@ def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
     record, default = run.config, defaults_of(run.config.algorithm)
     agent = TypeAdapter(type(default.agent)).validate_python(record.agent)
     env = TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task
-    return type(default)(agent=agent, env=env, seed=record.seed, resume=run.folder, **record.training)
+    try:
+        return type(default)(agent=agent, env=env, seed=record.seed, resume=run.folder, **record.training)
+    except TypeError as error:
+        raise RunError(f"{str(run.folder / 'config.json')!r}: {error}") from None
 
 
 def parse(algorithm: Algorithm | Generalist, arguments: Sequence[str]) -> TrainConfig | GeneralistConfig:

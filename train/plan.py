@@ -14,6 +14,7 @@ from agents.manifest import Config
 from agents.rollout import arguments_of, evaluation_env
 from irs_gym.task import Task, checked_fields, task_of
 from train.config import GeneralistConfig, Scenes, TrainConfig, defaults_of, record_of
+from train.resume import ENDED
 
 Name = Annotated[str, StringConstraints(pattern=r"^\w[\w.+-]*$")]  # of a folder
 
@@ -89,15 +90,19 @@ class Plan(_Table):
             for name, config in cells
         ]
 
-    def check(self) -> None:
+    def check(self, *, trust: bool = False) -> None:
         """Refuse, before any work, what cannot be trained, and folders that hold anything else.
+
+        Without ``trust``, also runs to go on with that this user has not made.
 
         Raises
         ------
         OSError
             Where a scene or map file cannot be read.
         PlanError
-            Where an environment cannot be made, or a folder holds another run or none.
+            Where an environment cannot be made, or a folder holds another run.
+        RunError
+            Where a folder holds no run, or one that is not this user's own.
         """
         configs = self.configs()
         for env in dict.fromkeys(config.env for config in configs if isinstance(config.env, Task)):
@@ -107,8 +112,13 @@ class Plan(_Table):
                 raise PlanError(str(error)) from None
         for config in configs:
             assert config.out is not None
-            if config.out.exists() and not _is_same(Run.open(config.out).config, record_of(config)):
+            if not config.out.exists():
+                continue
+            run = Run.open(config.out)
+            if not _is_same(run.config, record_of(config)):
                 raise PlanError(f"{str(config.out)!r} holds a run with other settings: name another folder as out")
+            if not trust and run.manifest.status not in ENDED:
+                run.own_manifest()
 
     def _configured(self, name: str, algorithm: Trainable) -> TrainConfig | GeneralistConfig:
         where, setting, default = f"settings.{name}", self.settings[name], defaults_of(algorithm)

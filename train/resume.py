@@ -46,13 +46,13 @@ class Checkpoints(BaseCallback):
         return True
 
 
-def check(run: Run) -> None:
+def check(run: Run, *, trust: bool = False) -> None:
     """Refuse, before any file is touched, what cannot be resumed.
 
     Raises
     ------
     RunError
-        Where the run has ended, or was begun with other packages.
+        Where the run has ended, was begun with other packages, or is not this user's own and not to be trusted either.
     """
     manifest, here = run.manifest, provenance.versions()
     if manifest.status in ENDED:
@@ -62,20 +62,25 @@ def check(run: Run) -> None:
         raise CannotResumeError(
             f"{str(run.folder)!r} can be resumed only with the packages that began it: {'; '.join(others)}"
         )
+    if not trust:
+        run.own_manifest()
 
 
-def restore(run: Run, evaluation: Evaluation) -> Any:
+def restore(run: Run, evaluation: Evaluation, *, trust: bool = False) -> Any:
     """The model as its last whole checkpoint holds it, with random numbers, folder and evaluation set back to then.
 
     Returns None where no checkpoint was written yet, so that the training begins anew. Nothing is unpickled unless
-    its SHA-256 stands in the run's manifest.
+    its SHA-256 stands in a manifest that this user has signed, or ``trust``s and so signs now.
 
     Raises
     ------
     CannotResumeError
         Where there are checkpoints, but none of them is whole.
+    RunError
+        Where the manifest is neither signed nor to be trusted.
     """
-    entries = run.manifest.checkpoints
+    manifest = run.adopt() if trust else run.own_manifest()
+    entries = manifest.checkpoints
     if not entries:
         print(f"{run.folder}: no checkpoint was written yet: the training begins anew", file=sys.stderr)
         run.remove_drafts()

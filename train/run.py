@@ -1,6 +1,7 @@
 """`train`: one training run, from its settings to its run folder."""
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,9 +52,11 @@ def train(config: TrainConfig | GeneralistConfig) -> tuple[Run, Evaluation]:
     """Train as the settings say; returns the run folder and what was seen of the agent on the way."""
     if config.resume is None:
         run = Run.create(_folder(config), record_of(config), overwrite=config.overwrite)
+        if run.manifest.signature is None:
+            print(f"{run.folder}: no key of yours can be kept, so resuming it will ask for --trust", file=sys.stderr)
     else:
         run = Run.open(config.resume)
-        config = replace(settings_of(run), progress=config.progress)
+        config = replace(settings_of(run), progress=config.progress, trust=config.trust)
     with run.locked():
         return run, _train(run, config)
 
@@ -61,7 +64,7 @@ def train(config: TrainConfig | GeneralistConfig) -> tuple[Run, Evaluation]:
 def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     torch.set_num_threads(config.threads)
     evaluation = _evaluation(run, config)
-    model = resume.restore(run, evaluation) if config.resume else None
+    model = resume.restore(run, evaluation, trust=config.trust) if config.resume else None
     is_new = model is None
     if is_new:
         model = config.agent.build(_material(config), config.seed)
@@ -115,10 +118,11 @@ def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:
     algorithm = config.agent.algorithm
     if run.config.algorithm != algorithm:
         raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, not of {algorithm}")
-    if config != replace(defaults_of(algorithm), resume=config.resume, progress=config.progress):
-        raise ValueError("--resume goes on with the run's own settings: give none beside it but --no-progress")
+    own = replace(defaults_of(algorithm), resume=config.resume, trust=config.trust, progress=config.progress)
+    if config != own:
+        raise ValueError("--resume goes on with the run's own settings: give none beside it but --no-progress, --trust")
     settings_of(run)
-    resume.check(run)
+    resume.check(run, trust=config.trust)
 
 
 def _folder(config: TrainConfig | GeneralistConfig) -> Path:

@@ -27,12 +27,12 @@ from train.plan import Plan
 from train.run import train
 
 
-def main(file: Positional[Path], jobs: int | None = None, retries: int = 1) -> int:
+def main(file: Positional[Path], jobs: int | None = None, retries: int = 1, trust: bool = False) -> int:
     """Train every algorithm in every setting with every seed that a sweep file names.
 
-    On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this checkout and the runs
-    under the same paths. Started again, it leaves runs that have ended as they are, goes on with those that were
-    interrupted, and tries those that have failed once more.
+    On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this checkout, the runs
+    and, where IRS_GYM_KEY names one, a key file under the same paths. Started again, it leaves runs that have
+    ended as they are, goes on with those that were interrupted, and tries those that have failed once more.
 
     Parameters
     ----------
@@ -42,16 +42,19 @@ def main(file: Positional[Path], jobs: int | None = None, retries: int = 1) -> i
         Runs at a time; None for one on each processor.
     retries
         How often a run that fails is tried again before it is kept as failed.
+    trust
+        Whether to go on with runs that you have not made on this machine. That runs code which is stored in their
+        checkpoints, with all your rights: only say so where you trust whoever made them.
     """
     try:
         if retries < 0 or (jobs is not None and jobs < 1):
             raise ValueError(f"jobs={jobs} must be 1 or more, and retries={retries} must not be negative")
         plan = Plan.load(file)
-        plan.check()
+        plan.check(trust=trust)
     except (OSError, ValueError) as error:
         print(f"python -m train sweep: {error}", file=sys.stderr)
         return 2
-    sweep = Sweep(plan, retries)
+    sweep = Sweep(plan, retries, trust)
     try:
         sweep.run(jobs)
     except KeyboardInterrupt:
@@ -63,8 +66,8 @@ def main(file: Positional[Path], jobs: int | None = None, retries: int = 1) -> i
 class Sweep:
     """The runs of a plan and how they stand: waiting, running, ended, exact or failed."""
 
-    def __init__(self, plan: Plan, retries: int) -> None:
-        self.plan, self.retries = plan, retries
+    def __init__(self, plan: Plan, retries: int, trust: bool = False) -> None:
+        self.plan, self.retries, self.trust = plan, retries, trust
         self.states: dict[Path, str] = {}
         self.waiting: deque[TrainConfig | GeneralistConfig] = deque()
         self.running: dict[Any, TrainConfig | GeneralistConfig] = {}  # by Ray's name of the task
@@ -121,7 +124,7 @@ class Sweep:
 
     def _begin(self, config: TrainConfig | GeneralistConfig) -> None:
         self.states[_folder(config)] = "running"
-        self.running[_train.remote(config)] = config
+        self.running[_train.remote(replace(config, trust=self.trust))] = config
 
     def _end(self, task: Any) -> str:
         """Note how a run has ended; returns it as a line of text."""
@@ -157,7 +160,7 @@ def _train(config: TrainConfig | GeneralistConfig) -> str:
     folder = _folder(config)
     if folder.exists():
         try:
-            resume.check(Run.open(folder))
+            resume.check(Run.open(folder), trust=config.trust)
             return train(replace(config, resume=folder))[1].summary
         except resume.CannotResumeError as error:
             print(f"{error}: the run begins anew", file=sys.stderr)
@@ -169,7 +172,10 @@ def _start_ray(jobs: int | None) -> int:
     address = os.environ.get("RAY_ADDRESS")
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
     if address:
-        ray.init(address=address, runtime_env={"env_vars": {"PYTHONPATH": str(ROOT)}}, **quiet)
+        shared = {"PYTHONPATH": str(ROOT)}
+        if "IRS_GYM_KEY" in os.environ:
+            shared["IRS_GYM_KEY"] = os.environ["IRS_GYM_KEY"]
+        ray.init(address=address, runtime_env={"env_vars": shared}, **quiet)
     else:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         ray.init(address="local", num_cpus=jobs, include_dashboard=False, object_store_memory=10**8, **quiet)

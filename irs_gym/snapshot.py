@@ -1,0 +1,38 @@
+"""`Snapshot`: where an episode stands, as a few bytes from which it goes on."""
+
+from struct import Struct
+from typing import NamedTuple
+from zlib import crc32
+
+_LAYOUT = Struct("<8sIIIIdI??")
+_CHECK = Struct("<I")
+
+
+class Snapshot(NamedTuple):
+    """What the next steps of an episode depend on; cells are flat indices."""
+
+    rules: bytes  # 8, `World.fingerprint`: of the map and the rules
+    scene: int  # its number; 0 where there is one
+    start: int
+    goal: int
+    cell: int
+    distance: float  # metres travelled
+    refused: int
+    has_violated: bool
+    is_running: bool
+
+    def to_bytes(self) -> bytes:
+        """The snapshot as 42 bytes, the last four of them a checksum."""
+        content = _LAYOUT.pack(*self)
+        return content + _CHECK.pack(crc32(content))
+
+    @classmethod
+    def from_bytes(cls, state: bytes) -> "Snapshot":
+        """What `to_bytes` made; a ``ValueError`` where a byte of it is lost or changed."""
+        size = _LAYOUT.size + _CHECK.size
+        if not isinstance(state, bytes) or len(state) != size:
+            raise ValueError(f"state must be the {size} bytes that get_state() gives")
+        content, check = state[: _LAYOUT.size], state[_LAYOUT.size :]
+        if check != _CHECK.pack(crc32(content)):
+            raise ValueError("state is damaged: it is not what get_state() gave")
+        return cls(*_LAYOUT.unpack(content))

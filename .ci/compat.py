@@ -1,5 +1,6 @@
 """Run the tests of `irs_gym` on each Python at hand, with the latest Gymnasium and the oldest supported ones."""
 
+import argparse
 import os
 import re
 import shutil
@@ -20,7 +21,9 @@ VECTOR = re.compile(r"^(?:from|import) gymnasium\.vector\b.*AutoresetMode|^from 
 
 
 def find(version: str) -> str | None:
-    """A Python of that version: one on the path, or one that pyenv keeps."""
+    """A Python of that version: the one that runs this, one on the path, or one that pyenv keeps."""
+    if version == f"{sys.version_info.major}.{sys.version_info.minor}":
+        return sys.executable
     kept = sorted(Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")).glob(f"versions/{version}.*/bin/python"))
     for candidate in (shutil.which(f"python{version}"), *reversed(kept)):
         if candidate and not subprocess.run([candidate, "-c", ""], capture_output=True, check=False).returncode:
@@ -54,14 +57,19 @@ def check(python: str, gymnasium: str, folder: Path) -> bool:
 
 
 def main() -> int:
-    """Check all pairs of Python and Gymnasium; exit status 1 where one fails or a Python is missing."""
+    """Check all pairs of Python and Gymnasium, or those asked for; exit status 1 where one fails or is missing."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--python", nargs="+", default=PYTHONS)
+    parser.add_argument("--gymnasium", nargs="+", default=(LATEST, OLDEST, *OLDEST_SINGLE))
+    asked = parser.parse_args()
+
     failed = []
-    for version in PYTHONS:
+    for version in asked.python:
         python = find(version)
         if python is None:
             failed.append(f"Python {version}: there is none")
             continue
-        for gymnasium in (LATEST, OLDEST, *OLDEST_SINGLE):
+        for gymnasium in asked.gymnasium:
             with tempfile.TemporaryDirectory() as folder:
                 if not check(python, gymnasium, Path(folder)):
                     failed.append(f"Python {version} with {gymnasium}")

@@ -1,6 +1,6 @@
-"""What all tests share: a key of their own, and that those marked ``needs(package, ...)`` run where the package is there.
+"""What all tests share: a key of their own, and that those marked ``needs(package, ...)`` run where it is installed.
 
-The others are left out and named at the end.
+Elsewhere they are left out, and named at the end.
 """
 
 import os

@@ -1,7 +1,7 @@
 # make test    install once into .venv, run the tests        make demo   train PPO on the paper's scene and score it
 # make check   ruff, mypy, import layers, the wheel           make pin    write constraints.txt anew
-# make rllib   the README's block for Ray's RLlib
 # make fuzz    hostile scenes, maps, arguments, run folders and command lines: FUZZ_INPUTS of each (2000)
+# make clients  the README's blocks for other libraries, each in an environment of its own
 # make compat  the tests of irs_gym on Python 3.11 to 3.13, each with the oldest and the latest Gymnasium
 # make drill   kill a training ten times, resume it, and hold it against one left in peace
 # make clean   remove .venv, caches and builds (runs/ stays)
@@ -17,7 +17,7 @@ DEMO_TRAIN ?= -m train ppo --out $(DEMO_RUN) --overwrite
 DEMO_SCORE ?= -m eval score $(DEMO_RUN)
 
 .DELETE_ON_ERROR:
-.PHONY: test check lint types layers wheel rllib fuzz compat demo drill pin clean
+.PHONY: test check lint types layers wheel clients fuzz compat demo drill pin clean
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
@@ -37,13 +37,8 @@ layers: $(INSTALLED)
 wheel: $(INSTALLED)
 	$(BIN)/python .ci/check_wheel.py
 
-# Ray's RLlib pins a Gymnasium of its own, so its block of the README runs in an environment on top of this one.
-rllib: $(INSTALLED)
-	tmp=$$(mktemp -d) && trap 'rm -rf "$$tmp"' EXIT && $(BIN)/python -m venv "$$tmp" && \
-	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" > "$$tmp/below.pth" && \
-	mv "$$tmp/below.pth" "$$tmp"/lib/python3.*/site-packages/ && \
-	"$$tmp/bin/python" -m pip install --quiet --disable-pip-version-check "ray[rllib]" && \
-	"$$tmp/bin/python" -m pytest tests/test_readme.py -k ray.rllib
+clients: $(INSTALLED)
+	$(BIN)/python .ci/clients.py $(CLIENTS)
 
 fuzz: $(INSTALLED)
 	$(BIN)/python tests/fuzz.py --inputs $(FUZZ_INPUTS)

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from irs_gym.autoreset import AutoresetMode
 from irs_gym.grid import Cell
 from irs_gym.ground import EpisodeSampler, Outcome
 from irs_gym.infos import KEYS, InfoBuilder, Infos, Step, checked_keys

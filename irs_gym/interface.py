@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from enum import Enum
 from functools import lru_cache
 from operator import index
 from pathlib import Path
@@ -9,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from irs_gym.dynamics import ACTIONS, tabulate
@@ -46,7 +46,7 @@ def as_data(argument: Any) -> Any:
     """An argument of an environment as numbers, strings, lists and dicts, where it can be said so."""
     if isinstance(argument, Scene | RadioMap):
         return argument.to_data()
-    if isinstance(argument, AutoresetMode):
+    if isinstance(argument, Enum):  # an autoreset mode
         return argument.value
     if isinstance(argument, Path):
         return str(argument)
@@ -115,16 +115,6 @@ def check_fleet(num_envs: int, max_episode_steps: int, packing: Packing) -> None
         f"num_envs={num_envs}, max_episode_steps={max_episode_steps}: the paths of all robots",
         4.0 * num_envs * (max_episode_steps + 1),
     )
-
-
-def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
-    """The autoreset mode of that name; a ``ValueError`` lists the known ones for an unknown one."""
-    if isinstance(mode, AutoresetMode):
-        return mode
-    for each in AutoresetMode:
-        if isinstance(mode, str) and mode in (each.value, each.name, each.name.lower()):
-            return each
-    raise ValueError(f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}")
 
 
 def checked_count(name: str, value: Any) -> int:

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from irs_gym.autoreset import AutoresetMode, checked_mode
 from irs_gym.dynamics import ACTIONS, check_task, choose_start, tables_for
 from irs_gym.env import IrsNavEnv
 from irs_gym.fleet import VectorEpisodes
@@ -21,7 +22,6 @@ from irs_gym.interface import (
     PlainSpec,
     check_fleet,
     checked_count,
-    checked_mode,
     checked_options,
     checked_render_mode,
     each_seed,

@@ -1,8 +1,15 @@
 """How vector environments are held against Gymnasium's own over single environments: step by step, to the last bit."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import SyncVectorEnv
+
+if TYPE_CHECKING:  # older versions of Gymnasium have none, and single environments alone are tested there
+    from gymnasium.vector import AutoresetMode
 
 
 def both(env_id: str, n: int, mode: AutoresetMode, **kwargs) -> tuple[gymnasium.vector.VectorEnv, SyncVectorEnv]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 import tyro
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from agents.algorithms import Algorithm, Generalist
@@ -186,11 +186,16 @@ def record_of(config: TrainConfig | GeneralistConfig) -> Config:
 
 def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
     """Settings of an old run; raises `ValueError` where there can be no such settings."""
-    record, default = run.config, defaults_of(run.config.algorithm)
-    agent = TypeAdapter(type(default.agent)).validate_python(record.agent)
-    env = TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task
+    record = run.config
+    default = defaults_of(record.algorithm)
     try:
+        agent = TypeAdapter(type(default.agent)).validate_python(record.agent)
+        env = TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task
         return type(default)(agent=agent, env=env, seed=record.seed, resume=run.folder, **record.training)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise RunError(f"{str(run.folder / 'config.json')!r}: {where}: {first['msg']}") from None
     except TypeError as error:
         raise RunError(f"{str(run.folder / 'config.json')!r}: {error}") from None
 

@@ -3,8 +3,10 @@
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
+
+from irs_gym.autoreset import AutoresetMode
 
 
 class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):

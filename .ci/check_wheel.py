@@ -34,7 +34,7 @@ def check_contents(wheel: Path) -> None:
     with ZipFile(wheel) as archive:
         files = set(archive.namelist())
     others = {name for name in files if not name.startswith(("irs_gym/", "irs_gym-"))}
-    missing = {"irs_gym/py.typed", "irs_gym/scenes/paper.json", "irs_gym/splits.json"} - files
+    missing = {"irs_gym/py.typed", "irs_gym/scenes/paper.json", "irs_gym/datasets/splits.json"} - files
     if others or missing:
         sys.exit(f"{wheel.name}: not of the package: {sorted(others)}; missing: {sorted(missing)}")
 

@@ -43,7 +43,7 @@ def check(python: str, gymnasium: str, folder: Path) -> bool:
     subprocess.run([*pip, str(ROOT), gymnasium, *NEEDED], check=True)
     say = "import gymnasium, numpy, sys; print(sys.version.split()[0], gymnasium.__version__, numpy.__version__)"
     print("Python, Gymnasium, NumPy:", subprocess.check_output([own, "-c", say], text=True).strip(), flush=True)
-    texts = {file: file.read_text() for file in sorted(ROOT.glob("tests/test_*.py"))}
+    texts = {file: file.read_text() for file in sorted(ROOT.glob("tests/**/test_*.py"))}
     files = [
         str(file)
         for file, text in texts.items()

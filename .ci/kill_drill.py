@@ -13,8 +13,8 @@ sys.path.insert(0, str(ROOT))
 
 import tyro  # noqa: E402
 
-from agents.checkpoint import Run  # noqa: E402
-from agents.rollout import evaluation_env, roll_out  # noqa: E402
+from agents.rollout.episode import evaluation_env, roll_out  # noqa: E402
+from agents.runs.run_folder import Run  # noqa: E402
 
 
 def main(algorithm: str = "ppo", kills: int = 10, longest: float = 1.0, seed: int = 0) -> int:

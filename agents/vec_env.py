@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
-from irs_gym.random_vector_env import IrsNavRandomVectorEnv
-from irs_gym.vector_env import IrsNavVectorEnv
+from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
+from irs_gym.envs.vector_nav import IrsNavVectorEnv
 
 
 class IrsNavVecEnv(VecEnv):
@@ -34,7 +34,7 @@ class IrsNavVecEnv(VecEnv):
     vector_env
         What is made: `IrsNavVectorEnv`, or `IrsNavRandomVectorEnv` for many scenes.
     **env_kwargs
-        Its arguments: the fields of `irs_gym.task.Task`, or of `irs_gym.random_task.RandomTask`.
+        Its arguments: the fields of `irs_gym.mdp.task.Task`, or of `irs_gym.datasets.random_task.RandomTask`.
     """
 
     def __init__(

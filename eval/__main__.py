@@ -1,10 +1,10 @@
-"""`python -m eval COMMAND`: each command is the function `main` of `eval/COMMAND.py`."""
+"""`python -m eval COMMAND`: each command is the function `main` of `eval/commands/COMMAND.py`."""
 
 import sys
 from functools import partial
 from importlib import import_module
 
-from agents.interruption import exit_at_once, interruptible, leave
+from agents.runs.interruption import exit_at_once, interruptible, leave
 
 # Modules are imported when their command is run, so that none pays for the packages of another.
 COMMANDS = {
@@ -35,7 +35,7 @@ def main() -> int:
     import tyro  # here, so that a Ctrl-C meanwhile ends in one line
 
     program = f"python -m eval {name}"
-    command = partial(tyro.cli, import_module(f"eval.{name}").main, args=arguments, prog=program)
+    command = partial(tyro.cli, import_module(f"eval.commands.{name}").main, args=arguments, prog=program)
     return interruptible(program, lambda: command() or 0)
 
 

@@ -6,43 +6,43 @@ from typing import TYPE_CHECKING, Any
 from gymnasium.envs.registration import register, registry
 
 if TYPE_CHECKING:
-    from irs_gym.generator import Difficulty as Difficulty
-    from irs_gym.generator import generate_scene as generate_scene
+    from irs_gym.datasets.generator import Difficulty as Difficulty
+    from irs_gym.datasets.generator import generate_scene as generate_scene
     from irs_gym.grid import Grid as Grid
-    from irs_gym.oracle import Path as Path
-    from irs_gym.oracle import distance_to_go as distance_to_go
-    from irs_gym.oracle import highest_feasible_target as highest_feasible_target
-    from irs_gym.oracle import shortest_path as shortest_path
-    from irs_gym.radio_map import RadioMap as RadioMap
-    from irs_gym.radio_map import build_phase_shifts as build_phase_shifts
-    from irs_gym.radio_map import build_radio_map as build_radio_map
-    from irs_gym.scene import Scene as Scene
-    from irs_gym.scene import load_scene as load_scene
-    from irs_gym.sionna import from_sionna as from_sionna
-    from irs_gym.straight_line import straight_line_bound as straight_line_bound
-    from irs_gym.trade_off_curve import TradeOff as TradeOff
-    from irs_gym.trade_off_curve import trade_off as trade_off
+    from irs_gym.oracle.shortest_path import Path as Path
+    from irs_gym.oracle.shortest_path import distance_to_go as distance_to_go
+    from irs_gym.oracle.shortest_path import highest_feasible_target as highest_feasible_target
+    from irs_gym.oracle.shortest_path import shortest_path as shortest_path
+    from irs_gym.oracle.straight_line import straight_line_bound as straight_line_bound
+    from irs_gym.oracle.trade_off import TradeOff as TradeOff
+    from irs_gym.oracle.trade_off import trade_off as trade_off
+    from irs_gym.radio.radio_map import RadioMap as RadioMap
+    from irs_gym.radio.radio_map import build_phase_shifts as build_phase_shifts
+    from irs_gym.radio.radio_map import build_radio_map as build_radio_map
+    from irs_gym.radio.scene import Scene as Scene
+    from irs_gym.radio.scene import load_scene as load_scene
+    from irs_gym.radio.sionna import from_sionna as from_sionna
 
 __version__ = "0.1.0"
 
 # Names are looked up in their modules on first use, so that `import irs_gym` costs little more than gymnasium.
 _HOMES = {
-    "Difficulty": "generator",
-    "generate_scene": "generator",
+    "Difficulty": "datasets.generator",
+    "generate_scene": "datasets.generator",
     "Grid": "grid",
-    "Path": "oracle",
-    "distance_to_go": "oracle",
-    "highest_feasible_target": "oracle",
-    "shortest_path": "oracle",
-    "RadioMap": "radio_map",
-    "build_phase_shifts": "radio_map",
-    "build_radio_map": "radio_map",
-    "Scene": "scene",
-    "load_scene": "scene",
-    "from_sionna": "sionna",
-    "straight_line_bound": "straight_line",
-    "TradeOff": "trade_off_curve",
-    "trade_off": "trade_off_curve",
+    "Path": "oracle.shortest_path",
+    "distance_to_go": "oracle.shortest_path",
+    "highest_feasible_target": "oracle.shortest_path",
+    "shortest_path": "oracle.shortest_path",
+    "RadioMap": "radio.radio_map",
+    "build_phase_shifts": "radio.radio_map",
+    "build_radio_map": "radio.radio_map",
+    "Scene": "radio.scene",
+    "load_scene": "radio.scene",
+    "from_sionna": "radio.sionna",
+    "straight_line_bound": "oracle.straight_line",
+    "TradeOff": "oracle.trade_off",
+    "trade_off": "oracle.trade_off",
 }
 __all__ = ["__version__", *_HOMES]
 
@@ -57,8 +57,8 @@ def __dir__() -> list[str]:
     return sorted([*globals(), *_HOMES])
 
 
-_IRS_NAV = ("irs_gym.env:make_env", "irs_gym.vector_env:make_vector_env")
-_IRS_NAV_RANDOM = ("irs_gym.random_env:make_env", "irs_gym.random_vector_env:make_vector_env")
+_IRS_NAV = ("irs_gym.envs.nav:make_env", "irs_gym.envs.vector_nav:make_vector_env")
+_IRS_NAV_RANDOM = ("irs_gym.envs.random_nav:make_env", "irs_gym.envs.random_vector_nav:make_vector_env")
 
 for _id, (_entry_point, _vector_entry_point), _arguments in (
     ("IrsNav-v0", _IRS_NAV, {}),

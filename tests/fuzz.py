@@ -161,8 +161,8 @@ def as_json(tree: Any) -> bytes:
 def scenes(folder: Path) -> Callable[[], None]:
     """Scene files, their maps and their environments."""
     from irs_gym import build_radio_map, load_scene
-    from irs_gym.env import IrsNavEnv
-    from irs_gym.scene import load_scenes, scene_names
+    from irs_gym.envs.nav import IrsNavEnv
+    from irs_gym.radio.scene import load_scenes, scene_names
 
     bases = [json.loads(load_scene(name).model_dump_json()) for name in scene_names()]
     file = folder / "scene.json"
@@ -226,10 +226,10 @@ def packed(arrays: dict[str, Any], method: int, headers: list[tuple[int, bytes, 
 
 def maps(folder: Path) -> Callable[[], None]:
     """Map files, their environments, and other archives of arrays."""
-    from agents.map_network import unpack_network
+    from agents.networks.map_network import unpack_network
     from irs_gym import RadioMap
-    from irs_gym.block import Block, build_block, definition_of
-    from irs_gym.env import IrsNavEnv
+    from irs_gym.datasets.shard import Block, build_block, definition_of
+    from irs_gym.envs.nav import IrsNavEnv
     from irs_gym.files import read_arrays
 
     file, definition = folder / "map.npz", definition_of("val", 0, 1)
@@ -293,13 +293,13 @@ def maps(folder: Path) -> Callable[[], None]:
 def arguments(folder: Path) -> Callable[[], None]:
     """Arguments of the public functions and of the environments."""
     import irs_gym
-    from irs_gym import pool
-    from irs_gym.env import IrsNavEnv
-    from irs_gym.random_env import IrsNavRandomEnv
-    from irs_gym.random_task import RandomTask
-    from irs_gym.random_vector_env import IrsNavRandomVectorEnv
-    from irs_gym.task import Task
-    from irs_gym.vector_env import IrsNavVectorEnv
+    from irs_gym.datasets import scene_set
+    from irs_gym.datasets.random_task import RandomTask
+    from irs_gym.envs.nav import IrsNavEnv
+    from irs_gym.envs.random_nav import IrsNavRandomEnv
+    from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
+    from irs_gym.envs.vector_nav import IrsNavVectorEnv
+    from irs_gym.mdp.task import Task
 
     gain = irs_gym.build_radio_map("paper", 2.0).gain_db
     os.mkfifo(folder / "fifo")
@@ -345,7 +345,7 @@ def arguments(folder: Path) -> Callable[[], None]:
         (irs_gym.generate_scene, [st.just(np.random.default_rng(0)) | anything, st.just("easy") | anything]),
         (irs_gym.build_radio_map, [st.just("paper") | anything, number, st.none() | anything, st.none() | anything]),
         (irs_gym.build_phase_shifts, [st.just("paper") | anything, number, st.none() | anything, st.none() | anything]),
-        (pool.build_pool, [st.just("val") | anything, st.just(0) | anything]),
+        (scene_set.build_pool, [st.just("val") | anything, st.just(0) | anything]),
     ]
     names = [name for kind in (Task, RandomTask) for name in kind.__dataclass_fields__]
     given_names = st.sampled_from([*names, "num_envs", "max_episode_steps", "autoreset_mode", "render_mode", "nothing"])
@@ -369,7 +369,7 @@ def arguments(folder: Path) -> Callable[[], None]:
         if isinstance(given_arguments, dict):
             count = given_arguments.get("num_scenes", 0)
         else:
-            count = given_arguments[1] if function is pool.build_pool else 0
+            count = given_arguments[1] if function is scene_set.build_pool else 0
             count = 1000 if count is None else count
         is_count = isinstance(count, int | float | np.number)
         assume(not is_count or not 8 < count <= 10**6)  # so many are built, which takes long
@@ -391,8 +391,8 @@ def runs(folder: Path) -> Callable[[], None]:
 
     from tiny import TINY, call, open_floor
 
-    from agents.checkpoint import Run
-    from eval.results import find_runs, read_results
+    from agents.runs.run_folder import Run
+    from eval.scoreboard.results import find_runs, read_results
     from train.config import settings_of
     from train.run import check
 
@@ -472,7 +472,7 @@ def commands(folder: Path) -> Callable[[], None]:
     """Command lines of ``train`` and ``eval``: read and checked, not run."""
     import tyro
 
-    from agents.algorithms import ALGORITHMS, GENERALISTS
+    from agents.registry import ALGORITHMS, GENERALISTS
     from eval.__main__ import COMMANDS
     from train.config import defaults_of, parse, record_of
     from train.run import check

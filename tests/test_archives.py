@@ -15,7 +15,7 @@ import pytest
 
 from irs_gym import RadioMap, load_scene
 from irs_gym.files import as_path, read_arrays, read_file
-from irs_gym.scene import load_scenes
+from irs_gym.radio.scene import load_scenes
 
 ARRAYS = {"one": np.arange(6.0).reshape(2, 3), "two": np.array([True, False]), "text": np.array("é")}
 

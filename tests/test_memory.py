@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from irs_gym import build_phase_shifts, build_radio_map, load_scene, shortest_path, straight_line_bound
+from irs_gym.datasets.scene_set import build_pool, pool_of
 from irs_gym.memory import MemoryLimitError, check_memory, memory_limit
-from irs_gym.pool import build_pool, pool_of
-from irs_gym.scene import Scene
+from irs_gym.radio.scene import Scene
 
 ID, RANDOM = "irs_gym:IrsNav-v0", "irs_gym:IrsNavRandom-v0"
 PAPER = load_scene("paper")

@@ -76,6 +76,6 @@ def test_single_envs_need_no_autoreset_mode(env_id, arguments):
 
 def test_many_at_once_say_which_gymnasium_they_need(monkeypatch):
     monkeypatch.delattr(gymnasium.vector, "AutoresetMode", raising=False)
-    monkeypatch.delitem(sys.modules, "irs_gym.autoreset", raising=False)
+    monkeypatch.delitem(sys.modules, "irs_gym.mdp.autoreset", raising=False)
     with pytest.raises(ImportError, match=r"need gymnasium>=1\.1, and this is [0-9.]+: put single environments"):
-        import_module("irs_gym.autoreset")
+        import_module("irs_gym.mdp.autoreset")

@@ -17,8 +17,8 @@ import pytest
 import yaml
 from _pytest.mark.structures import ParameterSet
 
-from agents.dqn import DqnConfig
-from agents.ppo import PpoConfig
+from agents.single.dqn import DqnConfig
+from agents.single.ppo import PpoConfig
 from train.config import DEFAULTS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -103,7 +103,12 @@ def run(block: Block, checkout: Path) -> subprocess.CompletedProcess:
 def checkout(tmp_path_factory) -> Path:
     """A copy of the checkout, with `make` and `pip` that change nothing."""
     copy = tmp_path_factory.mktemp("readme") / "irs_gym"
-    left_out = shutil.ignore_patterns(".*", "__pycache__", "runs", "build", "dist")
+    hidden = shutil.ignore_patterns(".*", "__pycache__")
+
+    def left_out(folder, names):
+        outputs = {"runs", "build", "dist"} if Path(folder) == ROOT else set()
+        return hidden(folder, names) | outputs & set(names)
+
     shutil.copytree(ROOT, copy, ignore=left_out)
     (copy / ".shims").mkdir()
     for name, script in SHIMS.items():

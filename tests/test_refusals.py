@@ -23,12 +23,12 @@ from irs_gym import (
     straight_line_bound,
     trade_off,
 )
-from irs_gym.env import IrsNavEnv
-from irs_gym.pool import pool_of
-from irs_gym.random_env import IrsNavRandomEnv
-from irs_gym.random_vector_env import IrsNavRandomVectorEnv
-from irs_gym.scene import Scene
-from irs_gym.vector_env import IrsNavVectorEnv
+from irs_gym.datasets.scene_set import pool_of
+from irs_gym.envs.nav import IrsNavEnv
+from irs_gym.envs.random_nav import IrsNavRandomEnv
+from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
+from irs_gym.envs.vector_nav import IrsNavVectorEnv
+from irs_gym.radio.scene import Scene
 
 PAPER = load_scene("paper")
 GAIN = build_radio_map("paper", 1.0).gain_db
@@ -246,7 +246,7 @@ def test_scenes_are_drawn_by_a_generator_at_a_difficulty():
 
 
 def test_a_difficulty_that_no_factory_meets_ends(monkeypatch):
-    monkeypatch.setattr("irs_gym.generator.FACTORIES", 3)
+    monkeypatch.setattr("irs_gym.datasets.generator.FACTORIES", 3)
     with pytest.raises(ValueError, match=r"difficulty=.* none of 3 factories"):
         generate_scene(
             np.random.default_rng(0), Difficulty(sides=(4.0, 4.0), boxes=(0, 0), detour=1.5, detour_share=1.0)
@@ -296,8 +296,8 @@ def test_nothing_is_checked_by_asserts():
     """Python leaves them out with ``-O``: what is refused here is refused there."""
     program = """
 import irs_gym, numpy as np
-from irs_gym.random_task import RandomTask
-from irs_gym.env import IrsNavEnv
+from irs_gym.datasets.random_task import RandomTask
+from irs_gym.envs.nav import IrsNavEnv
 cell = np.zeros((3, 3), bool)
 for work in (
     lambda: RandomTask(constraint="x"),
@@ -405,8 +405,8 @@ def test_a_cell_that_is_not_free_receives_nothing():
 
 
 def test_a_map_that_tells_free_cells_is_another_problem():
-    from agents.problem import problem_of
-    from irs_gym.task import Task
+    from agents.runs.problem import problem_of
+    from irs_gym.mdp.task import Task
 
     bare = RadioMap(silent().gain_db, grid=silent().grid)
     ends = {"start": (0, 1), "goal": (1, 1)}

@@ -8,8 +8,8 @@ from shlex import split
 import numpy as np
 import pytest
 
-from agents.algorithms import ALGORITHMS
-from agents.checkpoint import Run
+from agents.registry import ALGORITHMS
+from agents.runs.run_folder import Run
 from irs_gym import RadioMap
 from irs_gym.files import read_arrays
 from train.__main__ import main

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from irs_gym.oracle import distance_to_go
-from irs_gym.pool import Pool
+from irs_gym.datasets.scene_set import Pool
+from irs_gym.oracle.shortest_path import distance_to_go
 
 
 def tiny_pool(scenes: int = 6, shape: tuple[int, int] = (9, 7), seed: int = 0, blocked: float = 0.3) -> Pool:

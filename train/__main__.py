@@ -4,14 +4,14 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from agents.interruption import ALL, exit_at_once, interruptible
+from agents.runs.interruption import ALL, exit_at_once, interruptible
 
 # All else is imported in functions: a Ctrl-C meanwhile ends in one line, and help need not wait for PyTorch.
 
 
 def main() -> int:
     """Train the algorithm named first; its settings make the rest of the command line. Returns the exit status."""
-    from agents.algorithms import ALGORITHMS, GENERALISTS
+    from agents.registry import ALGORITHMS, GENERALISTS
 
     name, *arguments = sys.argv[1:] or ["--help"]
     if name == "sweep":
@@ -27,7 +27,7 @@ def _train(algorithm: str, arguments: Sequence[str]) -> int:
 
     config, program = parse(algorithm, arguments), f"python -m train {algorithm}"
 
-    from agents.checkpoint import RunError
+    from agents.runs.run_folder import RunError
     from train.run import check, train
 
     def train_and_tell() -> int:

@@ -9,10 +9,7 @@ import tyro
 from pydantic import TypeAdapter, ValidationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from agents.algorithms import Algorithm, Generalist
-from agents.checkpoint import Run, RunError
-from agents.dqn import DqnConfig
-from agents.local_settings import (
+from agents.learning.local_configs import (
     ExplorerConfig,
     ExplorerPpoConfig,
     LocalPpoConfig,
@@ -20,8 +17,7 @@ from agents.local_settings import (
     RecurrentPpoConfig,
     ScenesPpoConfig,
 )
-from agents.manifest import Config
-from agents.map_settings import (
+from agents.learning.map_configs import (
     MapAgentConfig,
     PlannerConfig,
     PlannerPpoConfig,
@@ -29,16 +25,20 @@ from agents.map_settings import (
     UNetPpoConfig,
     VinConfig,
 )
-from agents.maskable_ppo import MaskablePpoConfig
-from agents.ppo import PpoConfig
-from agents.q_learning import QLearningConfig
-from agents.qr_dqn import QrDqnConfig
-from agents.rollout import arguments_of
-from agents.settings import AgentConfig, check_settings
-from irs_gym.radio_map import RadioMap
-from irs_gym.scene import Scene
-from irs_gym.splits import split_of
-from irs_gym.task import Task, resolved
+from agents.registry import Algorithm, Generalist
+from agents.rollout.episode import arguments_of
+from agents.runs.manifest import Config
+from agents.runs.run_folder import Run, RunError
+from agents.single.config import AgentConfig, check_settings
+from agents.single.dqn import DqnConfig
+from agents.single.maskable_ppo import MaskablePpoConfig
+from agents.single.ppo import PpoConfig
+from agents.single.q_learning import QLearningConfig
+from agents.single.qr_dqn import QrDqnConfig
+from irs_gym.datasets.splits import split_of
+from irs_gym.mdp.task import Task, resolved
+from irs_gym.radio.radio_map import RadioMap
+from irs_gym.radio.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ class Scenes:
     """What a generalist is trained and tested on."""
 
     split: str = "train"
-    """Scenes to learn on, see `irs_gym.splits.SPLITS`."""
+    """Scenes to learn on, see `irs_gym.datasets.splits.SPLITS`."""
     num_scenes: int = 3000
     """How many."""
     test_split: str = "val"

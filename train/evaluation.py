@@ -8,9 +8,9 @@ import gymnasium
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from agents.checkpoint import Run
-from agents.manifest import Status
-from agents.rollout import Episode, roll_out
+from agents.rollout.episode import Episode, roll_out
+from agents.runs.manifest import Status
+from agents.runs.run_folder import Run
 
 _STATE = ("rows", "best", "latest", "held", "_last")
 

@@ -1,9 +1,9 @@
 """`Generalisation`: tests a generalist on scenes that it does not learn on, and keeps its best state."""
 
-from agents.checkpoint import Run
-from agents.pool_rollout import Episodes, play
-from irs_gym.pool import Pool
-from irs_gym.task import Observation
+from agents.rollout.scene_set import Episodes, play
+from agents.runs.run_folder import Run
+from irs_gym.datasets.scene_set import Pool
+from irs_gym.mdp.task import Observation
 from train.evaluation import Evaluation
 
 

@@ -8,12 +8,12 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from agents.algorithms import Trainable
-from agents.checkpoint import COPIES, Run
-from agents.manifest import Config
-from agents.rollout import arguments_of, evaluation_env
+from agents.registry import Trainable
+from agents.rollout.episode import arguments_of, evaluation_env
+from agents.runs.manifest import Config
+from agents.runs.run_folder import COPIES, Run
 from irs_gym.files import read_file
-from irs_gym.task import Task, checked_fields, task_of
+from irs_gym.mdp.task import Task, checked_fields, task_of
 from train.config import GeneralistConfig, Scenes, TrainConfig, defaults_of, record_of
 from train.resume import ENDED
 

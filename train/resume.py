@@ -11,9 +11,9 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 
-from agents import provenance
-from agents.checkpoint import Run, RunError
-from agents.manifest import Entry
+from agents.runs import provenance
+from agents.runs.manifest import Entry
+from agents.runs.run_folder import Run, RunError
 from train.evaluation import Evaluation
 
 ENDED = ("at_optimum", "finished")

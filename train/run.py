@@ -11,14 +11,14 @@ import torch
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
-from agents.algorithms import observation_of
-from agents.checkpoint import LockedError, Run, RunError
-from agents.interruption import noticed
-from agents.map_settings import MapAgentConfig
-from agents.rollout import arguments_of, evaluation_env
+from agents.learning.map_configs import MapAgentConfig
+from agents.registry import observation_of
+from agents.rollout.episode import arguments_of, evaluation_env
+from agents.runs.interruption import noticed
+from agents.runs.run_folder import LockedError, Run, RunError
 from agents.vec_env import IrsNavVecEnv
-from irs_gym import pool as pools
-from irs_gym.random_vector_env import IrsNavRandomVectorEnv
+from irs_gym.datasets import scene_set as pools
+from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
 from train import resume
 from train.config import GeneralistConfig, TrainConfig, defaults_of, record_of, settings_of
 from train.evaluation import Evaluation, Progress

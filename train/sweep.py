@@ -17,11 +17,11 @@ from rich.live import Live
 from rich.table import Table
 from tyro.conf import Positional
 
-from agents.algorithms import GENERALISTS
-from agents.checkpoint import LockedError, Run
-from agents.interruption import Interruption, noticed
-from agents.provenance import ROOT
-from agents.rollout import TOLERANCE
+from agents.registry import GENERALISTS
+from agents.rollout.episode import TOLERANCE
+from agents.runs.interruption import Interruption, noticed
+from agents.runs.provenance import ROOT
+from agents.runs.run_folder import LockedError, Run
 from irs_gym.files import write_file
 from train import resume
 from train.config import GeneralistConfig, TrainConfig, record_of

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.rendering import ink
-from irs_gym.rendering.ink import Floats
+from irs_gym.rendering import primitives
 from irs_gym.rendering.layout import Layout, round_steps, rows_from_top
+from irs_gym.rendering.primitives import Floats
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -47,21 +47,21 @@ class Background:
 
         entries = _entries(view)
         self.layout = layout = Layout.fit(view.grid, view.size, [label for label, _ in entries])
-        self.image = image = Image.new("RGB", layout.size, ink.WHITE)
-        pen, em, font = ImageDraw.Draw(image), layout.em, ink.font(layout.em)
+        self.image = image = Image.new("RGB", layout.size, primitives.WHITE)
+        pen, em, font = ImageDraw.Draw(image), layout.em, primitives.font(layout.em)
         _paint_map(image, view, layout)
         _paint_axes(image, layout)
         _paint_colour_bar(image, view, layout)
         _paint_stations(image, view, layout)
         if len(view.oracle_cells) > 1:
-            ink.dash(image, layout.cell_pixels(view.oracle_cells), em)
-        ink.mark(image, ink.DIAMOND, layout.cell_pixels(view.start), em)
-        ink.mark(image, ink.SQUARE, layout.cell_pixels(view.goal), em)
+            primitives.dash(image, layout.cell_pixels(view.oracle_cells), em)
+        primitives.mark(image, primitives.DIAMOND, layout.cell_pixels(view.start), em)
+        primitives.mark(image, primitives.SQUARE, layout.cell_pixels(view.goal), em)
         for (label, sample), (x, y) in zip(entries, layout.legend, strict=True):
             sample(image, np.array([x + 1.4 * em, y]), em)
-            pen.text((x + 3.0 * em, y), label, ink.BLACK, font, anchor="lm")
+            pen.text((x + 3.0 * em, y), label, primitives.BLACK, font, anchor="lm")
         title = f"target {view.target_db:.2f} dB"
-        pen.text((layout.left, 1.5 * em), title, ink.BLACK, font, anchor="ls")
+        pen.text((layout.left, 1.5 * em), title, primitives.BLACK, font, anchor="ls")
         self.margin_at = (layout.left + font.getlength(title) + 1.5 * em, 1.5 * em)
 
 
@@ -73,19 +73,19 @@ def _entries(view: View) -> list[tuple[str, Sample]]:
     ends = np.array([(-1.2, 0.0), (1.2, 0.0)])
 
     def obstacle(image: Image.Image, at: Floats, em: int) -> None:
-        ink.fill(image, at + ink.SWATCH * em, OBSTACLE)
+        primitives.fill(image, at + primitives.SWATCH * em, OBSTACLE)
 
     def below(image: Image.Image, at: Floats, em: int) -> None:
         width, height = round(2.4 * em), em
         pixels = _hatched(np.full((height, width, 3), COLOUR_MAP[3]), np.ones((height, width)), em)
-        ink.paste(image, pixels, (round(at[0] - width / 2), round(at[1] - height / 2)))
+        primitives.paste(image, pixels, (round(at[0] - width / 2), round(at[1] - height / 2)))
 
     entries: list[tuple[bool, str, Sample]] = [
-        (True, "start", lambda image, at, em: ink.mark(image, ink.DIAMOND, at, em)),
-        (True, "goal", lambda image, at, em: ink.mark(image, ink.SQUARE, at, em)),
-        (True, "robot", lambda image, at, em: ink.mark(image, ink.DISC, at, em, ROBOT)),
+        (True, "start", lambda image, at, em: primitives.mark(image, primitives.DIAMOND, at, em)),
+        (True, "goal", lambda image, at, em: primitives.mark(image, primitives.SQUARE, at, em)),
+        (True, "robot", lambda image, at, em: primitives.mark(image, primitives.DISC, at, em, ROBOT)),
         (True, "robot path", lambda image, at, em: trace(image, at + ends * em, em)),
-        (len(view.oracle_cells) > 1, "oracle path", lambda image, at, em: ink.dash(image, at + ends * em, em)),
+        (len(view.oracle_cells) > 1, "oracle path", lambda image, at, em: primitives.dash(image, at + ends * em, em)),
         (bool(view.is_obstacle.any()), "obstacle", obstacle),
         (bool(view.is_below.any()), "below target", below),
     ]
@@ -94,8 +94,8 @@ def _entries(view: View) -> list[tuple[str, Sample]]:
 
 def trace(image: Image.Image, points: Floats, em: int) -> None:
     """Draw the robot's path through ``points`` ``(T, 2)``, narrow enough to show the oracle's dashes under it."""
-    ink.stroke(image, points, ink.BLACK, 0.40 * em)
-    ink.stroke(image, points, ROBOT, 0.24 * em)
+    primitives.stroke(image, points, primitives.BLACK, 0.40 * em)
+    primitives.stroke(image, points, ROBOT, 0.24 * em)
 
 
 def _paint_map(image: Image.Image, view: View, layout: Layout) -> None:
@@ -110,7 +110,7 @@ def _paint_map(image: Image.Image, view: View, layout: Layout) -> None:
         return np.asarray(rows.resize(layout.map_size, images.Resampling.BOX), dtype=np.float64)
 
     pixels = _hatched(enlarged(colours), enlarged(view.is_below * 255) / 255, layout.em)
-    ink.paste(image, pixels, (layout.left, layout.top))
+    primitives.paste(image, pixels, (layout.left, layout.top))
 
 
 def _colours(view: View, gain_db: Floats) -> Floats:
@@ -132,27 +132,27 @@ def _hatched(pixels: Floats, share: Floats, em: int) -> Floats:
     rows, columns = np.indices(share.shape)
     period = max(5, round(0.6 * em))
     line = np.clip(1.0 + em / 24 - np.abs((rows + columns) % period - period // 2), 0.0, 1.0)
-    pale = pixels + (0.6 * share)[..., None] * (np.array(ink.WHITE) - pixels)
-    return np.asarray(pale + (0.4 * line * share)[..., None] * (np.array(ink.BLACK) - pale))
+    pale = pixels + (0.6 * share)[..., None] * (np.array(primitives.WHITE) - pixels)
+    return np.asarray(pale + (0.4 * line * share)[..., None] * (np.array(primitives.BLACK) - pale))
 
 
 def _paint_axes(image: Image.Image, layout: Layout) -> None:
     """The map's frame, ticks and labels in metres."""
     from PIL import ImageDraw
 
-    pen, em, font = ImageDraw.Draw(image), layout.em, ink.font(layout.em)
+    pen, em, font = ImageDraw.Draw(image), layout.em, primitives.font(layout.em)
     lower, upper = layout.grid.origin, layout.grid.upper
-    pen.rectangle((layout.left - 1, layout.top - 1, layout.right, layout.bottom), outline=ink.BLACK)
+    pen.rectangle((layout.left - 1, layout.top - 1, layout.right, layout.bottom), outline=primitives.BLACK)
     for value in round_steps(lower[0], upper[0], layout.map_size[0] / (4 * em)):
         x = layout.pixels((value, lower[1]))[0]
-        pen.line((x, layout.bottom, x, layout.bottom + 0.3 * em), ink.BLACK)
-        pen.text((x, layout.bottom + 0.45 * em), f"{value:g}", ink.BLACK, font, anchor="ma")
+        pen.line((x, layout.bottom, x, layout.bottom + 0.3 * em), primitives.BLACK)
+        pen.text((x, layout.bottom + 0.45 * em), f"{value:g}", primitives.BLACK, font, anchor="ma")
     for value in round_steps(lower[1], upper[1], layout.map_size[1] / (3 * em)):
         y = layout.pixels((lower[0], value))[1]
-        pen.line((layout.left - 0.3 * em, y, layout.left, y), ink.BLACK)
-        pen.text((layout.left - 0.5 * em, y), f"{value:g}", ink.BLACK, font, anchor="rm")
-    pen.text(((layout.left + layout.right) / 2, layout.bottom + 1.7 * em), "x (m)", ink.BLACK, font, anchor="ma")
-    ink.write_upright(image, "y (m)", (0.8 * em, (layout.top + layout.bottom) / 2), em)
+        pen.line((layout.left - 0.3 * em, y, layout.left, y), primitives.BLACK)
+        pen.text((layout.left - 0.5 * em, y), f"{value:g}", primitives.BLACK, font, anchor="rm")
+    pen.text(((layout.left + layout.right) / 2, layout.bottom + 1.7 * em), "x (m)", primitives.BLACK, font, anchor="ma")
+    primitives.write_upright(image, "y (m)", (0.8 * em, (layout.top + layout.bottom) / 2), em)
 
 
 def _paint_colour_bar(image: Image.Image, view: View, layout: Layout) -> None:
@@ -162,32 +162,36 @@ def _paint_colour_bar(image: Image.Image, view: View, layout: Layout) -> None:
     pen, em, (left, top, width, height) = ImageDraw.Draw(image), layout.em, layout.bar
     low, high = _gain_range(view)
     gain_db = np.repeat(np.linspace(high, low, height, dtype=np.float64)[:, None], width, axis=1)
-    ink.paste(image, _hatched(_colours(view, gain_db), (gain_db < view.target_db).astype(np.float64), em), (left, top))
-    pen.rectangle((left - 1, top - 1, left + width, top + height), outline=ink.BLACK)
+    primitives.paste(
+        image, _hatched(_colours(view, gain_db), (gain_db < view.target_db).astype(np.float64), em), (left, top)
+    )
+    pen.rectangle((left - 1, top - 1, left + width, top + height), outline=primitives.BLACK)
 
     def level(value: float) -> float:
         return top + (high - value) / (high - low) * height
 
     for value in round_steps(low, high, height / (3 * em)):
-        pen.line((left + width, level(value), left + width + 0.3 * em, level(value)), ink.BLACK)
-        pen.text((left + width + 0.5 * em, level(value)), f"{value:g}", ink.BLACK, ink.font(em), anchor="lm")
+        pen.line((left + width, level(value), left + width + 0.3 * em, level(value)), primitives.BLACK)
+        pen.text(
+            (left + width + 0.5 * em, level(value)), f"{value:g}", primitives.BLACK, primitives.font(em), anchor="lm"
+        )
     if low <= view.target_db <= high:
         tip = np.array((left - 1.0, level(view.target_db)))
-        ink.fill(image, tip + np.array([(0.0, 0.0), (-0.7, -0.4), (-0.7, 0.4)]) * em, ink.BLACK)
-        ink.stroke(image, tip + np.array([(0.0, 0.0), (width + 1.0, 0.0)]), ink.BLACK, 0.14 * em)
-    ink.write_upright(image, "channel gain (dB)", (left + width + 3.9 * em, top + height / 2), em)
+        primitives.fill(image, tip + np.array([(0.0, 0.0), (-0.7, -0.4), (-0.7, 0.4)]) * em, primitives.BLACK)
+        primitives.stroke(image, tip + np.array([(0.0, 0.0), (width + 1.0, 0.0)]), primitives.BLACK, 0.14 * em)
+    primitives.write_upright(image, "channel gain (dB)", (left + width + 3.9 * em, top + height / 2), em)
 
 
 def _paint_stations(image: Image.Image, view: View, layout: Layout) -> None:
     """Access points as triangles and panels as bars on their wall, with their names beside them."""
     lower, upper = np.array(layout.grid.origin), np.array(layout.grid.upper)
-    kinds = (("AP", ink.TRIANGLE, view.access_points), ("IRS", ink.BAR, view.irs_panels))
+    kinds = (("AP", primitives.TRIANGLE, view.access_points), ("IRS", primitives.BAR, view.irs_panels))
     for name, shape, points in kinds:
         for number, point in enumerate(np.clip(np.reshape(points, (-1, 2)), lower, upper), start=1):
             to_walls = np.concatenate([point - lower, upper - point])  # left, bottom, right, top
-            is_along_y = shape is ink.BAR and int(np.argmin(to_walls)) % 2 == 0
+            is_along_y = shape is primitives.BAR and int(np.argmin(to_walls)) % 2 == 0
             corners, at = shape[:, ::-1] if is_along_y else shape, layout.pixels(point)
-            ink.mark(image, corners, at, layout.em)
+            primitives.mark(image, corners, at, layout.em)
             reach = (float(corners[:, 0].max()) + 0.35) * layout.em
             _write_name(image, name if len(points) == 1 else f"{name} {number}", at, reach, layout)
 
@@ -197,14 +201,14 @@ def _write_name(image: Image.Image, name: str, at: Floats, reach: float, layout:
     from PIL import ImageDraw
 
     em = layout.em
-    is_last = at[0] + reach + ink.font(em).getlength(name) > layout.bar[0] - em
+    is_last = at[0] + reach + primitives.font(em).getlength(name) > layout.bar[0] - em
     y = float(np.clip(at[1], layout.top + 0.7 * em, layout.bottom - 0.7 * em))
     ImageDraw.Draw(image).text(
         (at[0] - reach if is_last else at[0] + reach, y),
         name,
-        ink.BLACK,
-        ink.font(em),
+        primitives.BLACK,
+        primitives.font(em),
         anchor="rm" if is_last else "lm",
         stroke_width=max(1, round(0.15 * em)),
-        stroke_fill=ink.WHITE,
+        stroke_fill=primitives.WHITE,
     )

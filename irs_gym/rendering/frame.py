@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irs_gym.rendering import ink
+from irs_gym.rendering import primitives
 from irs_gym.rendering.background import ROBOT, trace
 from irs_gym.rendering.view import View, checked_cells
 
@@ -34,10 +34,12 @@ def draw(view: View, trail: ArrayLike) -> NDArray[np.uint8]:
     corners = layout.cell_pixels(_corners(cells))
     if len(corners) > 1:
         trace(frame, corners, layout.em)
-    ink.mark(frame, ink.DISC, corners[-1], layout.em, ROBOT)
+    primitives.mark(frame, primitives.DISC, corners[-1], layout.em, ROBOT)
     margin_db = view.gain_db[tuple(cells[-1])] - view.target_db
     margin = f"margin {margin_db:+.2f} dB"
-    ImageDraw.Draw(frame).text(view.background.margin_at, margin, ink.BLACK, ink.font(layout.em), anchor="ls")
+    ImageDraw.Draw(frame).text(
+        view.background.margin_at, margin, primitives.BLACK, primitives.font(layout.em), anchor="ls"
+    )
     return np.array(frame)
 
 

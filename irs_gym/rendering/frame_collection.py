@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
-from irs_gym.autoreset import AutoresetMode
+from irs_gym.mdp.autoreset import AutoresetMode
 
 
 class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.grid import Grid
-from irs_gym.rendering import ink
-from irs_gym.rendering.ink import Floats
+from irs_gym.rendering import primitives
+from irs_gym.rendering.primitives import Floats
 
 
 def rows_from_top(cells: NDArray[Any]) -> NDArray[Any]:
@@ -89,7 +89,7 @@ class Layout:
 
 def _legend(labels: Sequence[str], em: int, width: float) -> tuple[Floats, Floats]:
     """Left ends ``(n, 2)`` of the entries from the legend's corner, and its size; as many columns as fit."""
-    lengths = [ink.font(em).getlength(label) + 4.0 * em for label in labels]
+    lengths = [primitives.font(em).getlength(label) + 4.0 * em for label in labels]
     for columns in range(len(labels), 0, -1):
         deep = -(-len(labels) // columns)
         widths = [max(lengths[k : k + deep]) for k in range(0, len(labels), deep)]

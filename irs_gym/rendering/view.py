@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.grid import Cell, Grid
 from irs_gym.rendering.background import Background
-from irs_gym.rendering.ink import Floats
+from irs_gym.rendering.primitives import Floats
 
 Point = tuple[float, float]
 

@@ -1,0 +1,1 @@
+"""Algorithms that learn on many scenes, and their settings."""

@@ -1,0 +1,54 @@
+"""`Imitation`: a network over maps learns all optimal moves of all cells from the oracle."""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from agents.learning.map_configs import ImitationConfig
+from agents.learning.optim import cosine, descend
+from agents.learning.symmetry import SYMMETRIES, turn, turn_moves
+from agents.networks.map_network import maps_of
+from irs_gym.datasets.scene_set import Pool
+from irs_gym.oracle.shortest_path import optimal_moves
+
+
+def imitation_loss(logits: Tensor, is_optimal: Tensor) -> Tensor:
+    """Minus the logarithm of the probability of all optimal moves together, mean over the cells that have any.
+
+    Both arguments have the shape ``(B, 8, X, Y)``.
+    """
+    right = logits.masked_fill(~is_optimal, -torch.inf).movedim(1, -1)
+    is_labelled = is_optimal.any(dim=1)
+    return (logits.movedim(1, -1)[is_labelled].logsumexp(dim=-1) - right[is_labelled].logsumexp(dim=-1)).mean()
+
+
+class Imitation:
+    """Draws scenes without replacement until all were seen, each batch under one of the eight symmetries."""
+
+    def __init__(self, config: ImitationConfig, network: nn.Module, rng: np.random.Generator) -> None:
+        self.config, self.network, self._rng = config, network, rng
+        self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
+        self._waiting = np.zeros(0, dtype=np.int64)
+
+    def update(self, pool: Pool, progress: float) -> tuple[int, dict[str, float]]:
+        """One batch, counted in scenes; see `agents.learning.map_learner.Teacher`."""
+        scenes, symmetry = self._draw(len(pool)), int(self._rng.choice(SYMMETRIES))
+        is_optimal = torch.from_numpy(optimal_moves(pool.distance_to_go[scenes], pool.cell_size))
+        plan = self.network(turn(maps_of(pool, scenes), symmetry))
+        loss = imitation_loss(plan.logits, turn_moves(is_optimal, symmetry))
+        if self.config.to_go_coef:
+            to_go = turn(torch.from_numpy(pool.distance_to_go[scenes] / pool.cell_size), symmetry)
+            can_reach = to_go.isfinite()
+            error = (plan.to_go[can_reach] - to_go[can_reach].to(plan.to_go)).abs().mean() / 40.0
+            loss = loss + self.config.to_go_coef * error
+        rate = cosine(self.config.learning_rate, progress)
+        descend(self._optimizer, loss, rate, self.config.max_grad_norm)
+        return len(scenes), {"loss": loss.item()}
+
+    def _draw(self, scenes: int) -> NDArray[np.int64]:
+        batch = min(self.config.batch_scenes, scenes)
+        if len(self._waiting) < batch:
+            self._waiting = self._rng.permutation(scenes)
+        drawn, self._waiting = self._waiting[:batch], self._waiting[batch:]
+        return drawn

@@ -1,0 +1,95 @@
+"""PPO's estimator and objective, and the critic of agents that plan: what its learners over many scenes share.
+
+Schulman et al. 2016 (arXiv 1506.02438) and 2017 (arXiv 1707.06347). Lengths are in cells.
+"""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from agents.learning.map_configs import ProximalConfig
+
+Floats = NDArray[np.float32]
+
+GOAL_BONUS = 20.0  # the environment's 10 m
+_UNIT = 20.0
+
+
+class WayCritic(nn.Linear):
+    """A value that is an affine function of the agent's own estimate of the way to go, and of the octile distance.
+
+    It begins with what the values were if the estimate was right: the bonus at the goal, and what shaping still pays
+    more than the way takes.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(2, 1)
+        with torch.no_grad():
+            self.weight.copy_(torch.tensor([[-_UNIT, _UNIT]]))
+            self.bias.fill_(GOAL_BONUS)
+
+    def values(self, to_go: Tensor, octile: Tensor) -> Tensor:
+        """Values, in the shape of both arguments."""
+        found: Tensor = self(torch.stack([to_go, octile], dim=-1) / _UNIT)[..., 0]
+        return found
+
+
+def advantages(errors: Floats, keep: Floats, decay: float) -> Floats:
+    """Generalised advantage estimates from temporal-difference errors in the order of time.
+
+    Parameters
+    ----------
+    errors
+        Reward and discounted value ahead less the value, shape ``(T, N)``.
+    keep
+        0 where the episode is over after the step, else 1, shape ``(T, N)``.
+    decay
+        The discount times lambda.
+    """
+    found, running = np.zeros_like(errors), np.zeros(errors.shape[1], dtype=np.float32)
+    for t in reversed(range(len(errors))):
+        running = errors[t] + decay * keep[t] * running
+        found[t] = running
+    return found
+
+
+def normalised(advantage: Floats) -> Tensor:
+    """With mean 0 and standard deviation 1."""
+    found = torch.from_numpy(advantage)
+    return (found - found.mean()) / (found.std() + 1e-8)
+
+
+def proximal_loss(
+    config: ProximalConfig,
+    progress: float,
+    log_probabilities: Tensor,
+    actions: NDArray[np.int64],
+    before: Tensor,
+    advantage: Tensor,
+    values: Tensor,
+    targets: Floats,
+) -> tuple[Tensor, dict[str, float]]:
+    """PPO's loss, and what to log of it.
+
+    Parameters
+    ----------
+    log_probabilities
+        Of the moves as they are now, shape ``(..., 8)``; that of all other arrays is ``(...)``.
+    before
+        Logarithms of the probabilities of the actions when they were drawn.
+    """
+    after = log_probabilities.gather(-1, torch.from_numpy(actions)[..., None])[..., 0]
+    ratio, clip = (after - before).exp(), config.clip_range
+    gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage).mean()
+    target = torch.from_numpy(targets)
+    error = (values - target).square().mean() / (target.var() + 1.0)
+    entropy = -(log_probabilities.exp() * log_probabilities).sum(dim=-1).mean()
+    loss = -gain + config.vf_coef * error - config.ent_coef * (1.0 - progress) * entropy
+    return loss, {"loss": loss.item(), "value_error": error.item(), "entropy": entropy.item()}
+
+
+def draw(probabilities: Floats, uniform: Floats) -> NDArray[np.int64]:
+    """Actions drawn with probabilities ``(n, 8)`` by uniform numbers ``(n,)``."""
+    cumulated = probabilities.cumsum(axis=1)
+    return np.asarray((cumulated < uniform[:, None] * cumulated[:, -1:]).sum(axis=1))

@@ -1,0 +1,1 @@
+"""PyTorch modules that read maps and patches."""

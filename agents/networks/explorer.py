@@ -1,0 +1,95 @@
+"""`ExplorerNetwork`: guesses what a robot has not seen, and plans through what it has seen and guessed."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import pad, softplus
+
+from agents.networks.map_network import Plan
+from agents.networks.planner import plan
+from agents.networks.unet import block, double
+from irs_gym.grid import MOVE_LENGTHS, MOVES
+
+BLOCKED = 1e4  # cost of entering a cell that is known to be infeasible: more than any way through unknown cells
+_FACTOR = 8  # sides of the maps are padded to multiples of this many cells
+_MOST_EXTRA = 50.0  # a cell costs no more than this beside its length, however unlikely
+
+
+class Guess(NamedTuple):
+    """What the network says of maps seen in part."""
+
+    plan: Plan
+    feasible: Tensor  # (B, X, Y): logits that cells are feasible, learned in those not seen
+
+
+class ExplorerNetwork(nn.Module):
+    """A U-Net gives each cell that was not seen a cost, and a dynamic programme finds the way.
+
+    A move costs its length in cells into a cell seen to be feasible, `BLOCKED` into another that was seen, and its
+    length times 1 + softplus(c) into one that was not, where c is learned. With c = -inf throughout it would be what
+    optimistic replanning computes: what is learned is how much to distrust the unknown, and where.
+
+    Parameters
+    ----------
+    width
+        Channels on the map's own grid; twice and four times as many on the coarser ones.
+    """
+
+    def __init__(self, width: int = 8) -> None:
+        super().__init__()
+        twice, four = 2 * width, 4 * width
+        self.stem = nn.Sequential(block(9, width), block(width, width))
+        self.down_2 = nn.Sequential(block(width, twice, stride=2), block(twice, twice))
+        self.down_4 = nn.Sequential(block(twice, twice, stride=2), block(twice, twice))
+        self.down_8 = nn.Sequential(block(twice, four, stride=2), block(four, four))
+        self.up_4, self.up_2 = block(four + twice, twice), block(2 * twice, twice)
+        self.up_1 = block(twice + width, width)
+        self.read_out = nn.Conv2d(width, 2, 1)
+        with torch.no_grad():
+            self.read_out.bias.copy_(torch.tensor([-2.0, 1.0]))  # begins near optimism: most cells are feasible
+        self.log_beta = nn.Parameter(torch.tensor(1.0))
+
+    def forward(self, margin: Tensor, goals: Tensor, settings: Tensor) -> Guess:
+        """Plan for what was seen.
+
+        Parameters
+        ----------
+        margin
+            Scaled margins over the target ``(B, X, Y)``, NaN where not seen.
+        goals
+            Flat cells ``(B,)``.
+        settings
+            Of the IRS, ``(B, 3)``, see `irs_gym.mdp.task.irs_settings`.
+        """
+        columns, rows = margin.shape[1:]
+        is_known = ~margin.isnan()
+        is_goal = torch.zeros_like(is_known).flatten(1).scatter_(1, goals[:, None], True).view_as(is_known)
+        is_feasible, is_blocked = is_known & (margin >= 0), is_known & (margin < 0)
+        planes = torch.stack(
+            [is_known, margin.nan_to_num(0.0), is_feasible, is_blocked, is_goal, torch.ones_like(is_known)], dim=1
+        )
+        planes = torch.cat([planes, settings[:, :, None, None].expand(-1, -1, columns, rows)], dim=1)
+        answer = self._guess(pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR)))[..., :columns, :rows]
+        extra = softplus(answer[:, 0]).clamp(max=_MOST_EXTRA)
+        cost = torch.where(is_known, 1.0, 1.0 + extra).masked_fill(is_blocked, BLOCKED)
+        return Guess(plan(costs_of_moves(cost), is_goal, self.log_beta.exp()), answer[:, 1])
+
+    def _guess(self, planes: Tensor) -> Tensor:
+        whole = self.stem(planes)
+        half = self.down_2(whole)
+        quarter = self.down_4(half)
+        quarter = self.up_4(torch.cat([quarter, double(self.down_8(quarter))], dim=1))
+        half = self.up_2(torch.cat([half, double(quarter)], dim=1))
+        answer: Tensor = self.read_out(self.up_1(torch.cat([whole, double(half)], dim=1)))
+        return answer
+
+
+def costs_of_moves(cost: Tensor) -> Tensor:
+    """Costs of the 8 moves ``(B, 8, X, Y)``: their lengths times what the cells ahead cost, ``(B, X, Y)``."""
+    columns, rows = cost.shape[1:]
+    padded = pad(cost, (1, 1, 1, 1), value=BLOCKED)
+    each = zip(MOVES.tolist(), MOVE_LENGTHS.tolist(), strict=True)
+    return torch.stack(
+        [length * padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for (di, dj), length in each], dim=1
+    )

@@ -1,0 +1,139 @@
+"""What all networks over maps share: what they see (`maps_of`), what they say (`Plan`), and their file.
+
+A file holds plain arrays and a line of JSON; nothing in it is unpickled.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from io import BytesIO
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from agents.registry import NetworkName
+from irs_gym.datasets.scene_set import Pool
+from irs_gym.files import read_arrays
+from irs_gym.mdp.observation import MARGIN_SCALE_DB
+from irs_gym.memory import check_memory
+
+STILL = [0, 1, 3]  # channels of the environment's map observation that stay the same while the robot moves
+_MOST = 10_000  # layers, channels or rounds
+_CLASSES: dict[NetworkName, tuple[str, str]] = {
+    "planner": ("agents.networks.planner", "PlanningNetwork"),
+    "unet": ("agents.networks.unet", "UNet"),
+    "vin": ("agents.networks.vin", "ValueIterationNetwork"),
+    "explorer": ("agents.networks.explorer", "ExplorerNetwork"),
+}
+
+
+_TRAINED = 4  # times the weights that learning takes: gradients and two moments of Adam beside them
+FILE_BYTES = 2**28  # of a network's file and of its weights
+_LARGEST_SETTING = 4096  # channels, rounds, passes
+
+
+class NetworkFileError(ValueError):
+    """A file that is not a network over maps, or a damaged one."""
+
+
+class Plan(NamedTuple):
+    """What a network says of all cells of its maps at once."""
+
+    logits: Tensor  # (B, 8, X, Y), of the moves in the order of `irs_gym.grid.MOVES`
+    to_go: Tensor  # (B, X, Y), its estimate of the way to the goal, in units of its own
+
+
+def maps_of(pool: Pool, scenes: NDArray[np.int64]) -> Tensor:
+    """What networks see of some scenes of a pool: float32 ``(B, 3, X, Y)``.
+
+    The channels are those of the environment's map observation without the robot: margin over the target, obstacle,
+    goal.
+    """
+    maps = np.zeros((len(scenes), 3, *pool.shape), dtype=np.float32)
+    margin_db = pool.gain_db[scenes] - pool.target_db[scenes, None, None]
+    maps[:, 0] = np.clip(margin_db / MARGIN_SCALE_DB, -1.0, 1.0)
+    maps[:, 1] = np.isneginf(margin_db)
+    maps[np.arange(len(scenes)), 2, pool.goal[scenes, 0], pool.goal[scenes, 1]] = 1.0
+    return torch.from_numpy(maps)
+
+
+def plan_pool(network: nn.Module, pool: Pool, batch: int = 32) -> NDArray[np.float32]:
+    """Logits of a network for all cells of all scenes of a pool: ``(S, 8, X, Y)``."""
+    network.eval()
+    with torch.inference_mode():
+        scenes = np.array_split(np.arange(len(pool)), -(-len(pool) // batch))
+        return np.concatenate([network(maps_of(pool, each)).logits.numpy() for each in scenes])
+
+
+def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
+    """A network by its name, untrained; its weights are drawn from PyTorch's random numbers.
+
+    Raises ``ValueError`` where a setting is out of its range, or the network would take too much memory.
+    """
+    outline = _outline(name, settings)
+    check_memory(
+        f"{dict(settings)}: the network", _TRAINED * sum(each.nbytes for each in outline.state_dict().values())
+    )
+    return _class(name)(**settings)
+
+
+def _outline(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
+    """A network that has shapes but no numbers, and so takes no memory."""
+    _check_sizes(settings)
+    with torch.device("meta"):
+        return _class(name)(**settings)
+
+
+def _class(name: NetworkName) -> Callable[..., nn.Module]:
+    module, kind = _CLASSES[name]
+    network: Callable[..., nn.Module] = getattr(import_module(module), kind)
+    return network
+
+
+def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Module) -> bytes:
+    """A network as the content of a file; equal weights give equal bytes."""
+    content = BytesIO()
+    header = np.array(json.dumps({"network": name, "settings": dict(settings)}))
+    weights = {f"weight:{key}": each.numpy() for key, each in network.state_dict().items()}
+    np.savez_compressed(content, header=header, **weights)
+    return content.getvalue()
+
+
+def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Module]:
+    """Name, settings and network in the content of a file; raises `NetworkFileError` where it is none."""
+    try:
+        arrays = read_arrays(content, limit=FILE_BYTES, needed=["header"])
+        header = json.loads(str(arrays.pop("header")))
+        weights = {key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()}
+        _check_fit(_outline(header["network"], header["settings"]), weights)
+        network = build_network(header["network"], header["settings"])
+        network.load_state_dict(weights)
+    except (ValueError, KeyError, TypeError, RecursionError, RuntimeError) as error:
+        raise NetworkFileError(f"the file does not hold a network over maps: {error}") from None
+    network.eval()
+    return header["network"], header["settings"], network
+
+
+def _check_sizes(settings: Any) -> None:
+    """Refuse settings of which a network would grow without end."""
+    if not isinstance(settings, Mapping):
+        raise ValueError(f"settings={settings!r} must be an object")
+    for name, value in settings.items():
+        is_size = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= _LARGEST_SETTING
+        if not is_size and not isinstance(value, str):
+            raise ValueError(f"settings.{name}={value!r} must be a name or an integer from 1 to {_LARGEST_SETTING}")
+
+
+def _check_fit(network: nn.Module, weights: Mapping[str, Tensor]) -> None:
+    """Refuse weights that are not the network's own, all of them and finite."""
+    wanted = {name: (each.shape, each.dtype) for name, each in network.state_dict().items()}
+    found = {name: (each.shape, each.dtype) for name, each in weights.items()}
+    wrong = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
+    if wrong:
+        raise ValueError(f"its weights are not those of such a network: {', '.join(wrong[:3])}")
+    infinite = [name for name, each in weights.items() if each.is_floating_point() and not each.isfinite().all()]
+    if infinite:
+        raise ValueError(f"its weights are not finite: {', '.join(infinite[:3])}")

@@ -1,0 +1,1 @@
+"""What chooses an action for an observation: rules, networks and memories."""

@@ -1,0 +1,71 @@
+"""`MapPolicy`: a policy around a network over maps, which is asked once for each map and goal."""
+
+from collections import OrderedDict
+from hashlib import blake2b
+from typing import IO, Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from agents.networks.map_network import STILL, pack_network
+from agents.registry import NetworkName
+
+_REMEMBERED = 2**26  # bytes of logits
+
+
+class MapPolicy:
+    """Acts on the environment's map observation ``(4, X, Y)``, or a batch of them, of any size.
+
+    The network gives the logits of all cells at once, and these are kept as long as the map and the goal stay the same:
+    an episode costs one forward pass.
+
+    Parameters
+    ----------
+    name, settings
+        Of the network, see `agents.networks.map_network.build_network`.
+    network
+        The network.
+    seed
+        Of the draws where actions are drawn.
+    """
+
+    def __init__(self, name: NetworkName, settings: dict[str, Any], network: nn.Module, seed: int = 0) -> None:
+        self.name, self.settings, self.network = name, settings, network.eval()
+        self._rng = np.random.default_rng(seed)
+        self._known: OrderedDict[bytes, NDArray[np.float32]] = OrderedDict()
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[NDArray[np.int64], Any]:
+        """Actions for one observation or a batch, as `agents.policies.policy.Policy` says: the
+        likeliest ones, or drawn.
+        """
+        seen = np.asarray(observation, dtype=np.float32)
+        batch = seen.reshape(-1, *seen.shape[-3:])
+        cells = batch[:, 2].reshape(len(batch), -1).argmax(axis=1)
+        all_logits = self._logits(batch[:, STILL])
+        logits = np.stack([each.reshape(8, -1)[:, cell] for each, cell in zip(all_logits, cells, strict=True)])
+        if not deterministic:
+            logits = logits + self._rng.gumbel(size=logits.shape)  # the greatest is then a draw from the softmax
+        return logits.argmax(axis=1).reshape(seen.shape[:-3]), state
+
+    def save(self, file: IO[bytes]) -> None:
+        """Write the network's file."""
+        file.write(pack_network(self.name, self.settings, self.network))
+
+    def _logits(self, maps: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        """Logits ``(8, X, Y)`` of each of the maps ``(B, 3, X, Y)``."""
+        keys = [blake2b(each.tobytes() + bytes(str(each.shape), "ascii")).digest() for each in maps]
+        new = {key: n for n, key in enumerate(keys) if key not in self._known}
+        if new:
+            with torch.inference_mode():
+                logits = self.network(torch.from_numpy(maps[list(new.values())])).logits.numpy()
+            self._known.update(zip(new, logits, strict=True))
+        for key in keys:
+            self._known.move_to_end(key)
+        found = [self._known[key] for key in keys]
+        while len(self._known) > 1 and len(self._known) * found[0].nbytes > _REMEMBERED:
+            self._known.popitem(last=False)
+        return found

@@ -1,0 +1,90 @@
+"""`Replanner`: optimistic replanning, what D* Lite computes: the reference for agents that see only a patch."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.policies.observation_decoding import ahead, decode, seen_feasible
+from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
+from irs_gym.oracle.shortest_path import distance_to_go
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What a robot knows since its reset, and what it is about to do."""
+
+    is_open: Bools  # (X, Y): not seen to be obstructed or below the target; the unknown is open
+    goal: int  # flat
+    moves: Ints  # (X * Y,): the first move of a shortest path over open cells
+    last: int  # flat cell that the robot was in at the last step
+
+
+@dataclass(frozen=True, eq=False)
+class Replanner:
+    """A policy that takes the first move of a shortest path over all cells that it has not seen to be infeasible.
+
+    It reads nothing but observations (dict, flat or map) and their layout: the frame that positions are scaled to, and
+    the patch's radius. What it has seen since the start of the episode is its state. Where it sees its neighbours, none
+    of its moves is refused; with a radius of 0 it learns from a refusal, as it stays where it is. Of moves
+    equally good it takes the first.
+    """
+
+    shape: tuple[int, int]  # (X, Y)
+    radius: int | None  # None where the whole map is seen
+
+    def predict(
+        self,
+        observation: Any,
+        state: Sequence[Memory] | None = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[Ints, tuple[Memory, ...]]:
+        """Actions for one observation or a batch, and what was seen so far; see `agents.policies.policy.Policy`.
+
+        Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
+        """
+        robots, goals = decode(observation, self.shape)
+        seen = seen_feasible(observation, self.radius)
+        views = seen.reshape(robots.size, *seen.shape[-2:])
+        olds: Sequence[Memory | None] = [None] * robots.size if state is None else state
+        if episode_start is not None:
+            olds = [None if begins else old for old, begins in zip(olds, np.ravel(episode_start), strict=True)]
+        each = zip(olds, robots.ravel().tolist(), goals.ravel().tolist(), views, strict=True)
+        memories = tuple(self._look(old, robot, goal, view) for old, robot, goal, view in each)
+        actions = [memory.moves[memory.last] for memory in memories]
+        return np.array(actions).reshape(robots.shape), memories
+
+    def _look(self, old: Memory | None, robot: int, goal: int, view: Bools) -> Memory:
+        """What the robot knows now, with a new plan where that differs from what it hoped for."""
+        is_open = np.ones(self.shape, dtype=bool) if old is None else old.is_open.copy()
+        i, j = divmod(robot, self.shape[1])
+        if self.radius is None:
+            is_open &= view
+        else:
+            columns, seen_columns = _overlap(i, self.radius, self.shape[0])
+            rows, seen_rows = _overlap(j, self.radius, self.shape[1])
+            is_open[columns, rows] &= view[seen_columns, seen_rows]
+        if self.radius == 0 and old is not None and old.last == robot:  # it did not see that its move would be refused
+            is_open[tuple(np.add((i, j), MOVES[old.moves[robot]]))] = False
+        if old is not None and old.goal == goal and (is_open == old.is_open).all():
+            return replace(old, last=robot)
+        return Memory(is_open, goal, self._plan(is_open, goal), robot)
+
+    def _plan(self, is_open: Bools, goal: int) -> Ints:
+        """First moves of the shortest paths over open cells, shape ``(X * Y,)``."""
+        i, j = divmod(goal, self.shape[1])
+        to_go = distance_to_go(is_open, (i, j), 1.0)
+        length = np.where(legal_moves(is_open), MOVE_LENGTHS + ahead(to_go), np.inf)
+        return np.asarray(length.argmin(axis=-1).ravel())
+
+
+def _overlap(at: int, radius: int, size: int) -> tuple[slice, slice]:
+    """Along one axis, the cells of a map that a patch shows, and where it shows them."""
+    first, end = max(at - radius, 0), min(at + radius + 1, size)
+    return slice(first, end), slice(first - at + radius, end - at + radius)

@@ -1,0 +1,114 @@
+"""`roll_out`: one episode of a policy, as what it achieved; and the environment to play it in."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.policies.policy import Policy, takes_masks
+from irs_gym.mdp.task import Task
+
+TOLERANCE = 1e-9  # lengths are sums of floats: a path this much longer, in proportion, is as long as the oracle's
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """What a policy achieved in one episode.
+
+    Attributes
+    ----------
+    is_success
+        Whether the robot reached the goal, over cells at or above the target only.
+    distance, oracle_distance
+        Metres travelled, and of the shortest feasible path from the same start.
+    spl
+        Success weighted by path length: 0 for a failure, else oracle distance over distance.
+    progress
+        Share of the way to the goal that lies behind the robot at the end, in metres to go along feasible cells; 1 at
+        the goal, 0 where it is farther away than at the start or has missed the target.
+    refused, steps
+        Numbers of refused moves and of all moves.
+    total_reward
+        Undiscounted.
+    path
+        int64, shape ``(T, 2)``: cells visited.
+    """
+
+    is_success: bool
+    distance: float
+    oracle_distance: float
+    spl: float
+    progress: float
+    refused: int
+    steps: int
+    total_reward: float
+    path: NDArray[np.int64]
+
+    @property
+    def ratio(self) -> float | None:
+        """Distance over the oracle's; None for a failure, whose distance says nothing."""
+        return self.distance / self.oracle_distance if self.is_success else None
+
+    @property
+    def soft_spl(self) -> float:
+        """SPL with progress in place of success (Datta et al. 2020): a failure near the goal counts for something."""
+        return self.progress * self.oracle_distance / max(self.oracle_distance, self.distance)
+
+    @property
+    def is_optimal(self) -> bool:
+        """Whether the robot reached the goal over a path as short as the oracle's."""
+        return self.ratio is not None and self.ratio <= 1.0 + TOLERANCE
+
+
+def arguments_of(task: Any) -> dict[str, Any]:
+    """Keyword arguments of `gymnasium.make` for a task; the fields of any dataclass."""
+    return {each.name: getattr(task, each.name) for each in fields(task)}
+
+
+def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
+    """The environment that policies are tested in: the task's, from its fixed start.
+
+    Raises
+    ------
+    OSError
+        Where a scene or map file cannot be read.
+    ValueError
+        Where it cannot be made; an infeasible target included.
+    """
+    return gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(replace(task, random_start=False)))
+
+
+def roll_out(
+    policy: Policy,
+    env: gymnasium.Env[Any, Any],
+    *,
+    deterministic: bool = True,
+    seed: int | None = None,
+    options: dict[str, Any] | None = None,
+) -> Episode:
+    """Play one episode of an `IrsNav-v0` or `IrsNavRandom-v0` made by `gymnasium.make`, which bounds its length."""
+    is_masked = takes_masks(policy)
+    observation, start = env.reset(seed=seed, options=options)
+    info, steps, total_reward, state, is_over, has_missed = start, 0, 0.0, None, False, False
+    while not is_over:
+        is_first = np.array([steps == 0])
+        mask = {"action_masks": info["action_mask"]} if is_masked else {}
+        action, state = policy.predict(observation, state, is_first, deterministic, **mask)
+        observation, reward, is_terminated, is_truncated, info = env.step(int(action))
+        steps, total_reward = steps + 1, total_reward + float(reward)
+        is_over, has_missed = is_terminated or is_truncated, has_missed or info["cost"] > 0
+    robot: Any = env.unwrapped
+    path = np.asarray(robot.path)
+    return Episode(
+        is_success=info["is_success"],
+        distance=info["distance"],
+        oracle_distance=start["oracle_distance"],
+        spl=info["spl"],
+        progress=0.0 if has_missed else max(0.0, 1.0 - robot.distance_to_go / start["oracle_distance"]),
+        refused=steps - (len(path) - 1),
+        steps=steps,
+        total_reward=total_reward,
+        path=path,
+    )

@@ -1,0 +1,144 @@
+"""`play`: the greedy episodes of a policy from the starts of all scenes of a pool at once."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.networks.map_network import plan_pool
+from agents.policies.explorer_policy import Explorer
+from agents.policies.map_policy import MapPolicy
+from agents.policies.policy import Policy
+from irs_gym.datasets.random_task import RandomTask, build_worlds
+from irs_gym.datasets.scene_set import Pool
+from irs_gym.grid import MOVES
+from irs_gym.mdp.task import Observation
+from irs_gym.vector.many_scenes import build_atlas
+
+
+@dataclass(frozen=True, eq=False)
+class Episodes:
+    """What a policy achieved from the start of each of S scenes; arrays of shape ``(S,)``.
+
+    Attributes
+    ----------
+    is_success
+        Whether the robot reached the goal.
+    distance, oracle_distance
+        Metres travelled, and of the shortest feasible path.
+    """
+
+    is_success: NDArray[np.bool_]
+    distance: NDArray[np.float64]
+    oracle_distance: NDArray[np.float64]
+
+    @property
+    def spl(self) -> NDArray[np.float64]:
+        """Success weighted by path length: 0 for a failure, else oracle distance over distance, 1 at most."""
+        # sums of floats: an optimal path may come out a rounding shorter than the oracle's
+        longer = np.maximum(self.distance, self.oracle_distance)
+        return np.where(self.is_success, self.oracle_distance / longer, 0.0)
+
+    @property
+    def ratio(self) -> float | None:
+        """Mean over the successes of distance over oracle distance; None without any."""
+        if not self.is_success.any():
+            return None
+        return float((self.distance / self.oracle_distance)[self.is_success].mean())
+
+
+def play(policy: Policy, pool: Pool, observation: Observation = "flat", max_steps: int | None = None) -> Episodes:
+    """Greedy episodes of a policy, one in each scene, as in `IrsNavRandom-v0` from the scenes' own starts.
+
+    Parameters
+    ----------
+    policy
+        One over whole maps is asked once for each scene.
+    pool
+        S scenes.
+    observation
+        What other policies see; the patch has the environment's usual radius.
+    max_steps
+        Steps after which an episode ends; those of `most_steps` by default.
+
+    Raises
+    ------
+    ValueError
+        Where the policy cannot see maps of this size.
+    """
+    max_steps = most_steps(pool) if max_steps is None else max_steps
+    if isinstance(policy, MapPolicy):
+        return follow(plan_pool(policy.network, pool), pool, max_steps)
+    if isinstance(policy, Explorer):
+        policy = replace(policy, shape=pool.shape)
+    return roll_out_pool(policy, pool, observation, max_steps)
+
+
+def most_steps(pool: Pool) -> int:
+    """Steps after which a scored episode ends: max(400, 5 (X + Y)) on maps of X x Y cells.
+
+    The 400 are the environment's, which ends its own episodes after as many on maps of any size,
+    unless ``max_episode_steps`` is given to `gymnasium.make`.
+    """
+    return max(400, 5 * sum(pool.shape))
+
+
+def roll_out_pool(policy: Policy, pool: Pool, observation: Observation, max_steps: int) -> Episodes:
+    """Episodes of any policy step by step, one in each scene of a pool; see `play`."""
+    ground = build_atlas(build_worlds(RandomTask(scenes=pool, observation=observation)))
+    scenes, packing = np.arange(len(pool)), ground.packing
+    states, travelled = ground.states_of(scenes, pool.start, pool.goal), np.zeros(len(pool), dtype=np.complex128)
+    memory, is_over, first = None, np.zeros(len(pool), dtype=bool), np.ones(len(pool), dtype=bool)
+    for _ in range(max_steps):
+        # Those who have arrived are asked no more, unless the policy's memory has a place for each.
+        asked = scenes if memory is not None else np.flatnonzero(~is_over)
+        rows = ground.observe(states[asked], np.empty((len(asked), packing.width), dtype=np.float32))
+        actions, memory = policy.predict(packing.unpack(rows), memory, first[asked], deterministic=True)
+        first[:] = False
+        moving = ~is_over[asked]
+        outcome = ground.move(states[asked[moving]], np.asarray(actions)[moving])
+        states[asked[moving]] = outcome.states
+        travelled[asked[moving]] += outcome.travel
+        is_over[asked[moving]] = outcome.is_terminated
+        if is_over.all():
+            break
+    return Episodes(is_over, travelled.real, pool.oracle_distance)
+
+
+def follow(logits: NDArray[np.float32], pool: Pool, max_steps: int | None = None) -> Episodes:
+    """Follow the likeliest moves in each scene of a pool, refused into cells that are not feasible.
+
+    Parameters
+    ----------
+    logits
+        Shape ``(S, 8, X, Y)``.
+    pool
+        S scenes.
+    max_steps
+        Steps after which an episode ends; those of `most_steps` by default.
+    """
+    ahead, kind = _successors(logits.argmax(axis=1), pool.feasible)
+    columns = pool.shape[1]
+    scenes, cells = np.arange(len(pool)), pool.start @ [columns, 1]
+    goals = pool.goal @ [columns, 1]
+    steps = np.zeros((len(pool), 3), dtype=np.int64)  # refused, straight, diagonal
+    for _ in range(most_steps(pool) if max_steps is None else max_steps):
+        scenes = scenes[cells[scenes] != goals[scenes]]
+        steps[scenes, kind[scenes, cells[scenes]]] += 1
+        cells[scenes] = ahead[scenes, cells[scenes]]
+    distance = (steps[:, 1] + steps[:, 2] * np.sqrt(2.0)) * pool.cell_size
+    return Episodes(cells == goals, distance, pool.oracle_distance)
+
+
+def _successors(moves: NDArray[np.int64], feasible: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Flat cell that a move in each cell leads to, and 0 for a refused, 1 for a straight, 2 for a diagonal move.
+
+    Both arguments have the shape ``(S, X, Y)``, both results ``(S, X * Y)``.
+    """
+    scenes, columns, rows = feasible.shape
+    di, dj = MOVES[moves.reshape(scenes, -1)].transpose(2, 0, 1)
+    i, j = np.divmod(np.arange(columns * rows), rows)
+    padded = np.pad(feasible, ((0, 0), (1, 1), (1, 1)))
+    is_legal = padded[np.arange(scenes)[:, None], i + di + 1, j + dj + 1]
+    here = np.arange(columns * rows)
+    return np.where(is_legal, here + di * rows + dj, here), np.where(is_legal, np.abs(di) + np.abs(dj), 0)

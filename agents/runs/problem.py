@@ -1,0 +1,125 @@
+"""`Problem`: what a policy has to solve, and its name in tables; the part of a task that fixes the optimum."""
+
+import re
+from dataclasses import dataclass
+from hashlib import sha256
+
+import numpy as np
+
+from irs_gym.grid import Cell
+from irs_gym.mdp.task import Constraint, Task, resolved
+from irs_gym.radio.irs import ArrayModel, Quantiser
+from irs_gym.radio.radio_map import RadioMap
+from irs_gym.radio.scene import Scene, load_scene, scene_names
+
+PAPER_ELEMENTS = (1200,)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The map, the target and the rules; what an agent sees and how it is rewarded are no part of it.
+
+    What has no effect is None: the quantiser of continuous phases, all of the IRS where there is none. So problems
+    are equal where their optimum is.
+    """
+
+    target_db: float
+    scene: str | None
+    """Name of a scene of the package; one of the user's own has the start of its SHA-256 added. None with a map."""
+    radio_map: str | None
+    """Start of the SHA-256 of a map from elsewhere."""
+    cell_size: float
+    irs_elements: tuple[int, ...]
+    """Elements on each panel; empty without IRS."""
+    phase_bits: int | None
+    quantiser: Quantiser | None
+    array_model: ArrayModel | None
+    constraint: Constraint
+    start: Cell | None
+    goal: Cell | None
+
+    @property
+    def label(self) -> str:
+        """Target, phases, and whatever differs from the paper's: ``"-61.8 dB, 1 bit"``."""
+        parts = [f"{self.target_db} dB", self._phases]
+        if self.scene not in (None, "paper"):
+            parts.append(f"scene {self.scene}")
+        if self.irs_elements not in ((), PAPER_ELEMENTS):
+            parts.append(f"M = {' + '.join(map(str, self.irs_elements))}")
+        usual = {"cell_size": 0.5, "quantiser": "nearest", "array_model": "far_field", "constraint": "refuse"}
+        for name, value in usual.items():
+            if getattr(self, name) not in (value, None) and not (name == "cell_size" and self.radio_map):
+                parts.append(f"{name.replace('_', ' ')} {getattr(self, name)}")
+        parts += [f"{name} {getattr(self, name)}" for name in ("start", "goal") if getattr(self, name)]
+        return ", ".join(parts)
+
+    @property
+    def slug(self) -> str:
+        """The label as a part of file names: ``"61.8dB-1-bit"``."""
+        words = self.label.replace(" dB", "dB").replace(",", "")
+        return re.sub(r"[^A-Za-z0-9.]+", "-", words).strip("-")
+
+    @property
+    def order(self) -> tuple[int, float, str]:
+        """Sorts without IRS first, then from coarse to continuous phases, then from low to high targets."""
+        resolution = (self.phase_bits or 99) if self.irs_elements else 0
+        return resolution, self.target_db, self.label
+
+    @property
+    def _phases(self) -> str:
+        if self.radio_map:
+            return f"map {self.radio_map}"
+        if not self.irs_elements:
+            return "without IRS"
+        return "continuous" if self.phase_bits is None else f"{self.phase_bits} bit"
+
+
+def problem_of(task: Task) -> Problem:
+    """The problem of a task.
+
+    Raises
+    ------
+    OSError
+        Where a scene or map file cannot be read.
+    ValueError
+        Where one is damaged, or the elements do not fit the panels.
+    """
+    task, radio_map, scene, elements = resolved(task), None, None, ()
+    if isinstance(given := task.radio_map, RadioMap):
+        cells = repr((given.grid.origin, given.grid.cell_size, given.gain_db.shape)).encode()
+        # a map with free cells that receive nothing is another one; all others keep the digest they had
+        has_silence = not np.array_equal(given.free, np.isfinite(given.gain_db))
+        silence = given.free.tobytes() if has_silence else b""
+        radio_map = _digest(cells + given.gain_db.tobytes() + silence)
+    elif isinstance(own := task.scene, Scene):
+        scene = _scene_name(own)
+        elements = tuple(panel.elements for panel in own.with_irs_elements(task.irs_elements).irs_panels)
+    has_irs = bool(elements)
+    return Problem(
+        target_db=task.target_db,
+        scene=scene,
+        radio_map=radio_map,
+        cell_size=task.cell_size,
+        irs_elements=elements,
+        phase_bits=task.phase_bits if has_irs else None,
+        quantiser=task.quantiser if has_irs and task.phase_bits is not None else None,
+        array_model=task.array_model if has_irs else None,
+        constraint=task.constraint,
+        start=task.start,
+        goal=task.goal,
+    )
+
+
+def _scene_name(scene: Scene) -> str:
+    """Name of the scene, whatever it says of target and resolution: a problem tells these apart."""
+    if scene.name in scene_names() and _place(scene) == _place(load_scene(scene.name)):
+        return scene.name
+    return f"{scene.name[:60]}-{_digest(_place(scene).encode())}"
+
+
+def _place(scene: Scene) -> str:
+    return scene.model_dump_json(exclude={"target_db", "phase_bits"})
+
+
+def _digest(content: bytes) -> str:
+    return sha256(content).hexdigest()[:8]

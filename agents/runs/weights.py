@@ -1,0 +1,134 @@
+"""`pack` and `load`: a model's file, which holds plain arrays, and the policy that is rebuilt around them.
+
+The file holds the weights that act, and `agents.runs.manifest.Config` all else that makes the
+policy: the algorithm, its
+settings, and the environment, whose observations it sees. Nothing is unpickled.
+"""
+
+from collections.abc import Mapping
+from io import BytesIO
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from agents.networks.map_network import FILE_BYTES
+from agents.policies.model_file import read_network
+from agents.registry import STABLE_BASELINES, model_class, observation_of, settings_class
+from agents.rollout.episode import evaluation_env
+from agents.runs.manifest import Config
+from agents.single.config import NetworkConfig
+from agents.single.q_learning import QLearning
+from irs_gym.datasets.splits import split_of
+from irs_gym.files import read_arrays
+from irs_gym.grid import MOVES
+from irs_gym.mdp.observation import Packing
+from irs_gym.mdp.task import Task, build_world
+
+_IDLE = ("value_net", "target", "lstm_critic", "vf_features_extractor")  # parts of names: for training alone
+_IRS_OF_MANY_SCENES = 3  # numbers that an observation of `IrsNavRandom-v0` tells of the IRS
+
+
+class WeightsError(ValueError):
+    """A file that does not hold the weights of its configuration's policy."""
+
+
+def pack(config: Config, model: Any) -> bytes:
+    """The content of a model's file, of arrays alone; equal weights give equal bytes.
+
+    Of a model of Stable-Baselines3 it holds what acts, without its critic or target network.
+    """
+    content = BytesIO()
+    if config.algorithm not in STABLE_BASELINES:
+        model.save(content)
+        return content.getvalue()
+    weights = {name: each.numpy() for name, each in model.policy.state_dict().items() if _acts(name)}
+    np.savez_compressed(content, **weights)
+    return content.getvalue()
+
+
+def load(config: Config, task: Task | None, content: bytes) -> Any:
+    """The policy in the content of a model's file, to act with.
+
+    Parameters
+    ----------
+    config
+        Of the run that has learned it.
+    task
+        The environment that it has learned in; None for many scenes.
+
+    Raises
+    ------
+    OSError
+        Where a scene or map file of the task cannot be read.
+    ValueError
+        `WeightsError` where the file is damaged or does not fit the configuration; also where the task cannot be made.
+    """
+    if config.algorithm in STABLE_BASELINES:
+        return _rebuild(config, _space_of(config, task), _read(content))
+    shape = None if task is None else build_world(task).feasible.shape
+    try:
+        return read_network(content) if shape is None else QLearning.of(read_arrays(content, limit=FILE_BYTES), shape)
+    except ValueError as error:
+        raise WeightsError(str(error)) from None
+
+
+def _read(content: bytes) -> dict[str, NDArray[Any]]:
+    try:
+        return read_arrays(content, limit=FILE_BYTES)
+    except ValueError as error:
+        raise WeightsError(str(error)) from None
+
+
+def _space_of(config: Config, task: Task | None) -> spaces.Space[Any]:
+    """What the policy sees."""
+    if task is not None:
+        return evaluation_env(task).observation_space
+    seen = observation_of(config.algorithm)  # type: ignore[arg-type]  # a generalist's
+    frame = split_of(str(config.env.get("split"))).frame
+    return Packing(seen, 2 * Task.patch_radius + 1, _IRS_OF_MANY_SCENES, frame).space
+
+
+def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDArray[Any]]) -> Any:
+    """The policy of Stable-Baselines3 with these weights, which must be all that act."""
+    import torch
+
+    try:
+        agent = TypeAdapter(settings_class(config.algorithm)).validate_python(config.agent)
+    except ValidationError as error:
+        raise WeightsError(f"its settings are wrong: {error.errors(include_url=False)[0]['msg']}") from None
+    if _least(agent, space) > sum(each.size for each in weights.values()):  # before networks are made that fill memory
+        raise WeightsError("it does not fit its configuration, whose networks are larger")
+
+    make = model_class(config.algorithm).policy_aliases[agent.policy_name(space)]
+    policy = make(space, spaces.Discrete(len(MOVES)), lambda _: 0.0, **agent.policy_kwargs())
+    wanted = {name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)}
+    found = {name: _kind(each) for name, each in weights.items()}
+    for name in sorted({*wanted, *found}):
+        if found.get(name) != wanted.get(name):
+            raise WeightsError(
+                f"it does not fit its configuration: {name} is {found.get(name, 'missing')}, "
+                f"not {wanted.get(name, 'asked for')}"
+            )
+    policy.load_state_dict({name: torch.from_numpy(each) for name, each in weights.items()}, strict=False)
+    policy.set_training_mode(False)
+    return policy
+
+
+def _least(agent: NetworkConfig, space: spaces.Space[Any]) -> int:
+    """Numbers that the networks of these settings hold at the least."""
+    first = agent.features(spaces.flatdim(space))
+    last = len(MOVES) * getattr(agent, "n_quantiles", 1)
+    return sum(before * behind for before, behind in pairwise((first, *agent.net_arch, last)))
+
+
+def _acts(name: str) -> bool:
+    # `features_extractor` is the actor's own by another name.
+    return not name.startswith("features_extractor.") and not any(part in name for part in _IDLE)
+
+
+def _kind(array: NDArray[Any]) -> str:
+    return f"{array.dtype} of shape {array.shape}"

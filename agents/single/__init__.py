@@ -1,0 +1,1 @@
+"""Algorithms that learn on one scene, most of them of Stable-Baselines3."""

@@ -1,0 +1,54 @@
+"""`DqnConfig`: the settings of deep Q-learning, and the model that they make."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from agents.registry import Algorithm
+from agents.single.config import NetworkConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class DqnConfig(NetworkConfig):
+    """Settings of Stable-Baselines3's DQN."""
+
+    algorithm: ClassVar[Algorithm] = "dqn"
+
+    total_timesteps: int = 150_000
+    learning_rate: float = 1e-3
+    final_learning_rate: float = 1e-5
+    gamma: float = 0.98
+    """Discount factor: nearer to 1, the values that a narrow choice must tell apart span a wider range."""
+    net_arch: tuple[int, ...] = (128, 128)
+    n_steps: int = 1
+    """Rewards that a return adds up before the value of the state thereafter: with more, random moves among them make
+    narrow passages look worse than they are, and the agent settles on a longer route."""
+    batch_size: int = 512
+    """Transitions in a minibatch."""
+    train_freq: int = 1
+    """Steps of each environment between two updates."""
+    gradient_steps: int = 4
+    """Minibatches in an update."""
+    buffer_size: int = 100_000
+    """Transitions that are remembered."""
+    learning_starts: int = 2_000
+    """Steps before the first update."""
+    target_update_interval: int = 1_280
+    """Steps between two copies of the network to the target network."""
+    exploration_initial_eps: float = 1.0
+    """Probability of a random move at the start; it falls linearly."""
+    exploration_final_eps: float = 0.05
+    """Probability of a random move at the end of the fall and thereafter."""
+    exploration_fraction: float = 0.3
+    """Share of the schedule over which it falls."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_whole("n_steps", "batch_size", "train_freq", "gradient_steps")
+        self._check_whole("buffer_size", "target_update_interval")
+        self._check_share("exploration_initial_eps", "exploration_final_eps", "exploration_fraction")
+        if self.learning_starts < 0:
+            raise ValueError(f"learning_starts={self.learning_starts} must not be negative")
+        if self.buffer_size < self.n_envs * self.n_steps:
+            raise ValueError(
+                f"buffer_size={self.buffer_size} must be at least n_envs * n_steps = {self.n_envs} * {self.n_steps}"
+            )

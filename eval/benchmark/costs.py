@@ -1,0 +1,110 @@
+"""Costs of what happens once in a while: a reset, a frame, an import; each a list of repeated measurements."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import cycle
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+from unittest import mock
+
+import gymnasium
+import numpy as np
+
+from eval.benchmark.benchmark_envs import ID
+from eval.benchmark.timing import Spread
+from irs_gym.grid import Cell
+from irs_gym.mdp.dynamics import tabulate
+from irs_gym.oracle import shortest_path
+
+ROOT = Path(__file__).resolve().parents[2]
+FRAMES = 20  # of an episode
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What something takes.
+
+    Attributes
+    ----------
+    seconds
+        Of one time.
+    dijkstra_runs
+        Per time; None where there are none to count.
+    """
+
+    what: str
+    seconds: Spread
+    dijkstra_runs: float | None = None
+
+
+def resets(repeats: int) -> list[Cost]:
+    """Resets of one environment and of 1,024, with old and new starts and goals."""
+    env = gymnasium.make(ID)
+    cells = _cells(env)
+    goal = next(cells)
+    env.reset(options={"goal": goal})
+    many: Any = gymnasium.make_vec(ID, num_envs=1024, random_start=True)
+    many.reset(seed=0)
+    return [
+        _reset("the scene's start and goal", repeats, env.reset),
+        _reset("a new start", repeats, lambda: env.reset(options={"start": next(cells)})),
+        _reset("a new start and a goal used before", repeats, lambda: env.reset(options=_ends(cells, goal))),
+        _reset("1,024 environments, each with a new start", max(1, repeats // 10), many.reset),
+        _reset("a new start and a new goal", repeats, lambda: env.reset(options=_ends(cells, next(cells)))),
+    ]
+
+
+def frames(repeats: int) -> list[Cost]:
+    """Pictures of 512 px: the first of an episode, and those after it."""
+    env = gymnasium.make(ID, render_mode="rgb_array")
+    cells, firsts, laters = _cells(env), [], []
+    for _ in range(max(1, repeats // FRAMES)):
+        _, info = env.reset(seed=0, options={"start": next(cells)})
+        firsts.append(_seconds(env.render))
+        is_over, count = False, 0
+        while not is_over and count < FRAMES:
+            _, _, is_over, _, info = env.step(env.action_space.sample(mask=info["action_mask"]))
+            laters.append(_seconds(env.render))
+            count += 1
+    return [Cost("first frame of an episode", Spread.of(firsts)), Cost("each frame after it", Spread.of(laters))]
+
+
+def imports(repeats: int) -> list[Cost]:
+    """Imports in a new Python each, of this package and, for comparison, of Gymnasium alone."""
+    return [
+        Cost(f"import {package}", Spread.of([_import_seconds(package) for _ in range(repeats)]))
+        for package in ("irs_gym", "gymnasium")
+    ]
+
+
+def _reset(what: str, repeats: int, reset: Callable[[], Any]) -> Cost:
+    with mock.patch.object(shortest_path, "dijkstra", wraps=shortest_path.dijkstra) as runs:
+        seconds = [_seconds(reset) for _ in range(repeats)]
+    return Cost(what, Spread.of(seconds), runs.call_count / repeats)
+
+
+def _cells(env: gymnasium.Env[Any, Any]) -> Iterator[Cell]:
+    """All cells but the goal that are joined to it, in random order, again and again."""
+    world = env.unwrapped.world  # type: ignore[attr-defined]
+    starts = np.random.default_rng(0).permutation(tabulate(world, world.goal).starts)
+    return cycle([divmod(each, world.feasible.shape[1]) for each in starts.tolist()])
+
+
+def _ends(cells: Iterator[Cell], goal: Cell) -> dict[str, Cell]:
+    """Options of a reset with that goal and another cell as the start."""
+    return {"goal": goal, "start": next(cell for cell in cells if cell != goal)}
+
+
+def _seconds(call: Callable[[], Any]) -> float:
+    began = perf_counter()
+    call()
+    return perf_counter() - began
+
+
+def _import_seconds(package: str) -> float:
+    code = f"from time import perf_counter as now; began = now(); import {package}; print(now() - began)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
+    return float(done.stdout)

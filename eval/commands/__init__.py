@@ -1,0 +1,1 @@
+"""The commands of `python -m eval`, each the function `main` of its module."""

@@ -1,0 +1,220 @@
+"""`python -m eval generalisation`: all runs over many scenes on one page, on scenes that none of them has seen."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any
+
+import gymnasium
+import numpy as np
+import torch
+from tyro.conf import Positional, arg
+
+from agents.registry import observation_of
+from agents.rollout.episode import TOLERANCE, roll_out
+from agents.rollout.scene_set import Episodes
+from eval.commands.board import commands_of, origins
+from eval.scoreboard.results import LeftOut
+from eval.scoreboard.seed_scores import estimate_as_json
+from eval.statistics import estimate, paired_difference
+from eval.unseen.gallery import Scenery, choose, draw_gallery
+from eval.unseen.page import draw_scenes_curve, markdown
+from eval.unseen.policy_results import Entrant, Track, enter, enter_reference, find_generalists, pace
+from eval.unseen.scores import HARD, detours, paper_pool
+from eval.unseen.throughput import throughput
+from irs_gym.datasets.generator import Difficulty, generate_scene
+from irs_gym.datasets.scene_set import Pool, build_pool, pool_of
+from irs_gym.files import write_file
+
+FIGURES = "figures/generalisation"
+SETS = ("test", "ood-clutter", "ood-irs", "ood-size")
+LARGE = "ood-size"
+LARGEST = "160x160"
+LARGEST_SCENES = 20
+GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
+REFERENCES = ("replanning", "untrained_explorer", "greedy", "greedy_margin")
+
+
+def main(
+    folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
+    out: Path = Path("docs"),
+    num_scenes: int = 1000,
+    local_large_scenes: int = 200,
+    jobs: int = 2,
+    trained_by: str | None = None,
+) -> int:
+    """Write generalisation.md, its data and its figures from all runs over many scenes below a folder.
+
+    What a run does on a set of scenes is kept in its folder, so that a second call is fast.
+
+    Parameters
+    ----------
+    folder
+        Folder with run folders, at any depth.
+    out
+        Folder of the page.
+    num_scenes
+        Scenes of each set, from the first on.
+    local_large_scenes
+        Scenes of the set of large maps in the local track, where every step costs a plan.
+    jobs
+        Runs played at a time.
+    trained_by
+        The commands that trained the runs, to stand on the page, separated by semicolons.
+    """
+    try:
+        if min(num_scenes, local_large_scenes, jobs) < 1:
+            given = f"num_scenes={num_scenes}, local_large_scenes={local_large_scenes} and jobs={jobs}"
+            raise ValueError(f"{given} must be 1 or more")
+        runs, left_out = find_generalists(folder)
+        if not runs:
+            raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
+        torch.set_num_threads(1)  # of PyTorch in a run: more wait for each other
+        pools = {track: pools_of(track, num_scenes, min(num_scenes, local_large_scenes)) for track in ("map", "local")}
+        entrants, damaged = enter(runs, pools, jobs, "playing")
+        left_out += damaged
+        if not entrants:
+            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
+            raise ValueError(f"no run over many scenes below {str(folder)!r} can be played{reasons}")
+        entrants += [enter_reference(name, pools["local"], folder / "references") for name in REFERENCES]
+        record = record_of(entrants, left_out, pools)
+        record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
+        figures = {"scenes.png": draw_scenes_curve(record["entrants"]), "gallery.png": gallery(entrants, pools)}
+        (out / FIGURES).mkdir(parents=True, exist_ok=True)
+        for name, content in figures.items():
+            write_file(out / FIGURES / name, content)
+        text = json.dumps(record, indent=1, allow_nan=False) + "\n"
+        write_file(out / "generalisation.json", text.encode())
+        write_file(out / "generalisation.md", markdown(record, FIGURES).encode())
+    except (OSError, ValueError) as error:
+        print(f"python -m eval generalisation: {error}", file=sys.stderr)
+        return 2
+    for each in left_out:
+        print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
+    played = sum(len(each.runs) for each in entrants)
+    print(f"{played} runs, {len(left_out)} left out; written: {out / 'generalisation.md'}")
+    return 0
+
+
+def pools_of(track: Track, num_scenes: int, local_large_scenes: int) -> dict[str, Pool]:
+    """The sets that a track is scored on."""
+    sizes = dict.fromkeys(SETS, num_scenes)
+    if track == "local":
+        sizes[LARGE] = local_large_scenes
+    found = {name: build_pool(name, size) for name, size in sizes.items()}
+    if track == "map":
+        found[LARGEST] = largest_pool(min(LARGEST_SCENES, num_scenes))
+    return {**found, "paper": paper_pool()}
+
+
+@lru_cache(maxsize=1)
+def largest_pool(scenes: int) -> Pool:
+    """Scenes of four times the usual sides, with as many boxes for the area: maps of 112 to 160 cells a side."""
+    level = Difficulty(sides=(56.0, 80.0), boxes=(48, 192))
+    drawn = [generate_scene(np.random.default_rng([160, n]), level) for n in range(scenes)]
+    return pool_of(drawn, [f"large-{n}" for n in range(scenes)], frame=(160, 160))
+
+
+def record_of(
+    entrants: Sequence[Entrant], left_out: Sequence[LeftOut], pools: Mapping[Track, Mapping[str, Pool]]
+) -> dict[str, Any]:
+    """All that the page tells, as JSON holds it."""
+    rival = next(each for each in entrants if each.algorithm == "replanning")
+    return {
+        "format_version": 1,
+        "hard": HARD,
+        "sets": {track: {name: _set_record(pool) for name, pool in some.items()} for track, some in pools.items()},
+        "entrants": [_entrant_record(each, pools[each.track], rival) for each in entrants],
+        "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],
+        "throughput": throughput(),
+        **origins([run for each in entrants for run in each.runs]),
+    }
+
+
+def gallery(entrants: Sequence[Entrant], pools: Mapping[Track, Mapping[str, Pool]]) -> bytes:
+    """Four test scenes of one policy in a row: two long detours that it mastered, and its two worst."""
+    sceneries = []
+    shown = [next((each for each in entrants if each.algorithm == name), None) for name in GALLERY]
+    for each in shown:
+        if each is None:
+            continue
+        pool, run = pools[each.track]["test"], each.runs[0]
+        policy = run.load_model()
+        env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation_of(each.algorithm))
+        for n in choose(each.episodes["test"][0].spl, detours(pool)):
+            episode = roll_out(policy, env, options={"scene_id": n})
+            inner: Any = env.unwrapped
+            sceneries.append(Scenery(each.name, pool.names[n], inner.world, episode, inner.oracle.cells))
+    return draw_gallery(sceneries)
+
+
+def _set_record(pool: Pool) -> dict[str, Any]:
+    return {"scenes": len(pool), "cells": list(pool.shape), "hard": int((detours(pool) > HARD).sum())}
+
+
+def _entrant_record(entrant: Entrant, pools: Mapping[str, Pool], rival: Entrant) -> dict[str, Any]:
+    return {
+        "algorithm": entrant.algorithm,
+        "name": entrant.name,
+        "track": entrant.track,
+        "training_scenes": entrant.scenes,
+        "seeds": entrant.seeds,
+        **_pace(entrant),
+        "sets": {
+            name: _results(entrant, name, pools[name], rival if entrant.track == "local" else None)
+            for name in entrant.episodes
+        },
+        "paper": _paper(entrant, pools["paper"]) if "paper" in entrant.episodes else None,
+    }
+
+
+def _results(entrant: Entrant, name: str, pool: Pool, rival: Entrant | None) -> dict[str, Any]:
+    """Success, SPL and the ratio over successes, over seeds, on all scenes and on the hard ones."""
+    success = entrant.table(name, lambda each: each.is_success)
+    spl = entrant.table(name, lambda each: each.spl)
+    ratio = entrant.table(name, lambda each: each.distance / each.oracle_distance)
+    found: dict[str, Any] = {}
+    for label, chosen in (("all", np.ones(len(pool), dtype=bool)), ("hard", detours(pool) > HARD)):
+        if not chosen.any():
+            continue
+        won = chosen & (success > 0)  # (seeds, scenes)
+        ratios = [float(row[each].mean()) for row, each in zip(ratio, won, strict=True) if each.any()]
+        found[label] = {
+            "success": estimate_as_json(estimate(success[:, chosen])),
+            "spl": estimate_as_json(estimate(spl[:, chosen])),
+            "spl_by_seed": spl[:, chosen].mean(axis=1).tolist(),
+            "success_by_seed": success[:, chosen].mean(axis=1).tolist(),
+            "exact": float((won & (ratio <= 1.0 + TOLERANCE))[:, chosen].mean()),
+            "ratio": float(np.mean(ratios)) if ratios else None,
+        }
+        if rival is not None and rival is not entrant:
+            theirs = rival.table(name, lambda each: each.spl)
+            found[label]["over_replanning"] = estimate_as_json(paired_difference((spl - theirs)[:, chosen]))
+    return found
+
+
+def _paper(entrant: Entrant, pool: Pool) -> list[dict[str, Any]]:
+    """The paper's scene at each of its targets: seeds that reached the goal, and the mean ratio of these."""
+
+    def told(n: int) -> dict[str, Any]:
+        each: list[Episodes] = [some for some in entrant.episodes["paper"] if some.is_success[n]]
+        ratios = [float(some.distance[n] / some.oracle_distance[n]) for some in each]
+        return {
+            "target_db": float(pool.target_db[n]),
+            "successes": len(each),
+            "exact": sum(ratio <= 1.0 + TOLERANCE for ratio in ratios),
+            "of": len(entrant.episodes["paper"]),
+            "ratio": float(np.mean(ratios)) if ratios else None,
+        }
+
+    return [told(n) for n in range(len(pool))]
+
+
+def _pace(entrant: Entrant) -> dict[str, float | None]:
+    """Medians over runs, tests included: seconds, and steps a second; in imitation of whole maps, scenes a second."""
+    if not entrant.runs:
+        return {"steps_per_second": None, "seconds": None}
+    steps, seconds = np.array([pace(run) for run in entrant.runs]).T
+    return {"steps_per_second": float(np.median(steps / seconds)), "seconds": float(np.median(seconds))}

@@ -1,0 +1,192 @@
+"""`python -m eval score`: a run's policy beside the reference policies, as a table, as JSON and as a picture."""
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from tyro.conf import Positional, arg
+
+from agents.policies.model_file import read_network
+from agents.registry import GENERALISTS
+from agents.rollout.episode import evaluation_env
+from agents.rollout.scene_set import play as play_pool
+from agents.runs import provenance
+from agents.runs.pretrained import load_pretrained
+from agents.runs.run_folder import Run
+from eval.scoreboard.overlay import draw_paths
+from eval.scoreboard.results import LeftOut
+from eval.scoreboard.score import Score, play, score
+from eval.unseen.scores import REFERENCES as UNSEEN_REFERENCES
+from eval.unseen.scores import Player, player_of, pools_of, reference, score_unseen, unseen_table, write_unseen
+from irs_gym.datasets.scene_set import Pool
+from irs_gym.files import write_file
+
+
+def main(
+    runs: Annotated[Positional[tuple[str, ...]], arg(metavar="RUN|MODEL [...]", help_behavior_hint="")],
+    model: Literal["best", "last"] = "best",
+    episodes: int = 100,
+    seed: int = 0,
+    env: Literal["IrsNav-v0", "IrsNavRandom-v0"] | None = None,
+    split: tuple[Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size"], ...] = ("test",),
+    num_scenes: int = 1000,
+    scenes: Path | None = None,
+) -> int:
+    """Score runs against the oracle.
+
+    Agents of one task play it from its fixed start: scores.json and paths.png are written into each run folder.
+    Agents that learned on many scenes play scenes that they have never seen, and the paper's: unseen.json is written
+    into each run folder.
+
+    Parameters
+    ----------
+    runs
+        Run folders; for unseen scenes also pretrained models (planner, explorer ...), their files, and reference
+        policies (oracle, replanning, untrained_explorer, greedy, greedy_margin).
+    model
+        Whether the best or the last state of the agent is scored.
+    episodes
+        Episodes of each random policy.
+    seed
+        Seed of the random policies.
+    env
+        What is played; by default that which the run learned in.
+    split
+        Sets of unseen scenes.
+    num_scenes
+        Scenes of each set, from the first on.
+    scenes
+        Folder of scene files to play in place of those sets; each says its own target.
+    """
+    if not runs or episodes < 1 or not split:
+        print("python -m eval score: name one run folder or more, 1 episode or more, and a split", file=sys.stderr)
+        return 2
+    left_out: list[LeftOut] = []
+    try:
+        opened = _opened(runs, left_out)
+        is_unseen = [
+            isinstance(each, Player) or (each.is_generalist if env is None and scenes is None else env != "IrsNav-v0")
+            for each in opened.values()
+        ]
+        if env == "IrsNav-v0" and any(isinstance(each, Player) for each in opened.values()):
+            raise ValueError("env='IrsNav-v0' plays run folders alone, with all reference policies beside them")
+        pools = pools_of(split, num_scenes, scenes) if any(is_unseen) else {}
+    except (OSError, ValueError) as error:
+        print(f"python -m eval score: {error}", file=sys.stderr)
+        return 2
+
+    for (name, each), unseen in zip(opened.items(), is_unseen, strict=True):
+        try:
+            if isinstance(each, Player):
+                print(each.name)
+                Console().print(unseen_table(score_unseen(each, pools)))
+            elif unseen:
+                score_generalist(each, model, pools)
+            else:
+                score_run(each, model, episodes, seed)
+        except Exception as error:  # a damaged run may raise any, and keeps no other from being scored
+            left_out.append(LeftOut.of(Path(name), error))
+    for told in left_out:
+        print(f"python -m eval score: {told.folder}: {told.reason}", file=sys.stderr)
+    return 2 if left_out else 0
+
+
+def _opened(names: Sequence[str], left_out: list[LeftOut]) -> dict[str, Run | Player]:
+    """What can be opened of runs and players by their names; the others join those left out."""
+    opened = {}
+    for name in names:
+        try:
+            opened[name] = _open(name)
+        except Exception as error:
+            left_out.append(LeftOut.of(Path(name), error))
+    return opened
+
+
+def _open(name: str) -> Run | Player:
+    """A run folder, or what plays unseen scenes without one."""
+    if name in UNSEEN_REFERENCES:
+        return reference(name)
+    if name in GENERALISTS and not Path(name).exists():
+        return Player(name, partial(play_pool, load_pretrained(name).policy))
+    if name.endswith(".npz"):
+        return Player(name, partial(play_pool, read_network(Path(name).read_bytes())))
+    return Run.open(name)
+
+
+def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
+    """Score one run: prints the table, writes ``scores.json`` and ``paths.png``, and returns the table's rows.
+
+    Raises
+    ------
+    OSError
+        Where a file of the run cannot be read, or the results cannot be written.
+    ValueError
+        Where the run is damaged; the message names the file.
+    """
+    env = evaluation_env(run.task)
+    played = play(env, {run.config.algorithm: run.load_model(model)}, episodes, seed)
+    scores = [score(name, each) for name, each in played.items()]
+    entry = run.manifest.models[model]
+    learned = played[run.config.algorithm][0]
+
+    record = {
+        "format_version": 1,
+        "model": {"name": model, **entry.model_dump()},
+        "config": run.config.model_dump(),
+        "oracle_distance": learned.oracle_distance,
+        "scores": [asdict(each) for each in scores],
+        "versions": provenance.versions(),
+        "commit": provenance.commit(),
+    }
+    write_file(run.folder / "scores.json", (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
+    paths = {"oracle": played["oracle"][0], run.config.algorithm.upper(): learned}
+    world = env.unwrapped.world  # type: ignore[attr-defined]
+    write_file(run.folder / "paths.png", draw_paths(world, paths))
+    print(f"{run.folder}: {model} model, after {entry.steps:,} steps, at {world.target_db:g} dB")
+    Console().print(table(scores))
+    print(f"written: {run.folder / 'scores.json'} and paths.png beside it")
+    return scores
+
+
+def score_generalist(run: Run, model: str, pools: dict[str, Pool]) -> None:
+    """Score one run on sets of unseen scenes: prints the table and writes ``unseen.json``.
+
+    Raises
+    ------
+    OSError
+        Where a file of the run cannot be read, or the results cannot be written.
+    ValueError
+        Where the run is damaged, or its policy acts in its own scene alone.
+    """
+    found = score_unseen(player_of(run, model), pools)
+    path = write_unseen(run, model, found)
+    print(f"{run.folder}: {model} model, after {run.manifest.models[model].steps:,} steps")
+    Console().print(unseen_table(found))
+    print(f"written: {path}")
+
+
+def table(scores: Sequence[Score]) -> Table:
+    """The scores as a table for the terminal."""
+    rows = Table(caption="metres, ratio to the oracle's: means over successes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    rows.add_column("policy", no_wrap=True)
+    for column in ("episodes", "success", "metres", "ratio", "SPL", "soft-SPL", "refused"):
+        rows.add_column(column, justify="right", no_wrap=True)
+    for each in scores:
+        rows.add_row(
+            each.policy.replace("_", " "),
+            str(each.episodes),
+            f"{each.success:.0%}",
+            "–" if each.distance is None else f"{each.distance:.3f}",
+            "–" if each.ratio is None else f"{each.ratio:.3f}",
+            f"{each.spl:.3f}",
+            f"{each.soft_spl:.3f}",
+            f"{each.refused:.1f}",
+        )
+    return rows

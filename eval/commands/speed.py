@@ -1,0 +1,152 @@
+"""`python -m eval speed`: how fast the environments are beside others, as a table, a page and JSON."""
+
+import json
+import os
+import platform
+import sys
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+from gymnasium.spaces import flatdim
+from rich.console import Console
+
+from agents.runs import provenance
+from eval.benchmark import costs
+from eval.benchmark.benchmark_envs import ID, SINGLE, Contenders, prepare, vector
+from eval.benchmark.costs import Cost
+from eval.benchmark.page import markdown, tables
+from eval.benchmark.timing import Rates, race
+from irs_gym.files import write_file
+
+OURS = "IrsNav-v0"
+PEERS = ("minigrid", "mobile-env", "envpool", "navix", "jumanji", "jax")
+RACES: dict[str, Contenders] = {
+    "one environment": SINGLE,
+    "1,024 environments": vector(1024),
+    "64 environments": vector(64),
+}
+# race, contender, how many times its speed we say we reach
+RATIOS = (
+    ("one environment", "CartPole-v1", 1.5),
+    ("one environment", "Minigrid Empty-16x16", 30.0),
+    ("1,024 environments", "CartPole-v1", 1.8),
+    ("1,024 environments", "bare np.take", 0.3),
+    ("64 environments", "CartPole-v1", 2.5),
+)
+MOST_SECONDS = {"each frame after it": 0.010, "import irs_gym": 0.5}
+NEW_GOAL = "a new start and a new goal"
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A speed that we say we reach; ``is_met`` is None where it was not measured."""
+
+    what: str
+    needed: str
+    measured: str
+    is_met: bool | None
+
+
+def main(out: Path = Path("docs"), rounds: int = 15, seconds: float = 0.2, repeats: int = 200) -> int:
+    """Time the environments beside others and write speed.md and speed.json; fails where a bar is missed.
+
+    Others that are not installed are left out: pip install -e ".[peers,peers-jax]" brings them.
+
+    Parameters
+    ----------
+    out
+        Folder of the page and its data.
+    rounds
+        Rounds in which every contender is timed once.
+    seconds
+        Time of each contender in a round.
+    repeats
+        Resets and frames that are timed.
+    """
+    try:
+        results = measure(rounds, seconds, repeats)
+    except ValueError as error:
+        print(f"python -m eval speed: {error}", file=sys.stderr)
+        return 2
+    out.mkdir(parents=True, exist_ok=True)
+    write_file(out / "speed.json", (json.dumps(results, indent=2, allow_nan=False) + "\n").encode())
+    write_file(out / "speed.md", markdown(results).encode())
+    console = Console()
+    for each in tables(results):
+        console.print(each.for_terminal())
+    print(f"written: {out / 'speed.md'}, {out / 'speed.json'}")
+    return 1 if any(each["is_met"] is False for each in results["bars"]) else 0
+
+
+def measure(rounds: int, seconds: float, repeats: int) -> dict[str, Any]:
+    """All measurements and whether they meet the bars, as JSON holds them.
+
+    Raises
+    ------
+    ValueError
+        Where an argument is not positive.
+    """
+    if repeats < 1:
+        raise ValueError(f"repeats={repeats} must be positive")
+    load = os.getloadavg()[0]
+    rates, left_out = {}, {}
+    for title, contenders in RACES.items():
+        print(f"timing {title} ...", file=sys.stderr)
+        ready, left_out[title] = prepare(contenders)
+        rates[title] = race(ready, rounds, seconds)
+    print("timing resets, frames and imports ...", file=sys.stderr)
+    found = {
+        "resets": costs.resets(repeats),
+        "frames": costs.frames(repeats),
+        "imports": costs.imports(max(3, repeats // 20)),
+    }
+    return {
+        "format_version": 1,
+        "machine": {"cpu": _cpu(), "cores": os.cpu_count(), "load_before": load, "load_after": os.getloadavg()[0]},
+        "versions": provenance.versions() | _peer_versions(),
+        "commit": provenance.commit(),
+        "width": flatdim(gymnasium.make(ID).observation_space),
+        "settings": {"rounds": rounds, "seconds": seconds, "repeats": repeats},
+        "races": {title: {"rates": rates[title].by_name, "left_out": left_out[title]} for title in RACES},
+        "costs": {kind: [asdict(each) for each in some] for kind, some in found.items()},
+        "bars": [asdict(each) for each in judge(rates, [cost for some in found.values() for cost in some])],
+    }
+
+
+def judge(rates: dict[str, Rates], found: list[Cost]) -> list[Bar]:
+    """Each bar, and whether the median of the measurements meets it."""
+    bars = []
+    for title, other, least in RATIOS:
+        what, needed = f"{title}: {OURS} over {other}", f"at least {least:g} x"
+        if other in rates[title].by_name:
+            ratio = rates[title].ratio(OURS, other)
+            measured = f"{ratio.median:.3g} x ({ratio.low:.3g} to {ratio.high:.3g})"
+            bars.append(Bar(what, needed, measured, ratio.median >= least))
+        else:
+            bars.append(Bar(what, needed, "not measured", None))
+    for cost in found:
+        if cost.what in MOST_SECONDS:
+            most = MOST_SECONDS[cost.what]
+            measured = f"{cost.seconds.median * 1e3:.3g} ms"
+            bars.append(Bar(cost.what, f"under {most * 1e3:g} ms", measured, cost.seconds.median < most))
+    runs = sum(cost.dijkstra_runs or 0 for cost in found if cost.what != NEW_GOAL)
+    bars.append(Bar("Dijkstra runs of a reset to a goal used before", "none", f"{runs:g}", runs == 0))
+    return bars
+
+
+def _cpu() -> str:
+    """The processor's name, where the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def _peer_versions() -> dict[str, str]:
+    installed = {each.metadata["Name"].lower(): each.version for each in metadata.distributions()}
+    return {name: installed[name] for name in PEERS if name in installed}

@@ -1,0 +1,165 @@
+"""`Cast`: a policy that a user names, and the environment that it is shown in."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+
+from agents.policies.explorer_policy import Explorer
+from agents.policies.heuristics import REFERENCES
+from agents.policies.model_file import read_network
+from agents.policies.policy import Policy
+from agents.registry import ALGORITHMS, GENERALISTS, Generalist, observation_of
+from agents.rollout.episode import arguments_of
+from agents.runs.pretrained import load_pretrained
+from agents.runs.run_folder import Run
+from irs_gym.mdp.task import Task
+from irs_gym.radio.scene import load_scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where a policy plays, if not where it learned.
+
+    The first four are for one scene, the last two for the generated ones. What learned in one task plays there.
+    """
+
+    scene: str | None = None
+    """A scene of the package, or the path of a scene file; the paper's by default."""
+    target_db: float | None = None
+    """Target in dB; as the scene says by default."""
+    phase_bits: int | None = None
+    """Resolution of the phase shifters in bits; as the scene says by default."""
+    irs_elements: int | None = None
+    """Elements on each panel; as the scene says by default."""
+    split: str | None = None
+    """A set of generated scenes, see `irs_gym.datasets.splits.SPLITS`; of what learned on many
+    scenes "test" by default.
+    """
+    scene_id: int | None = None
+    """Number of the scene in it; the first by default."""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """What is set."""
+        return {each.name: getattr(self, each.name) for each in fields(self) if getattr(self, each.name) is not None}
+
+    @property
+    def of_one_scene(self) -> dict[str, Any]:
+        """What is set, as arguments of `irs_gym.mdp.task.Task`; raises ``ValueError`` where a
+        generated scene is too.
+        """
+        generated = [name for name in ("split", "scene_id") if name in self.given]
+        if generated:
+            others = ", ".join(name for name in self.given if name not in generated)
+            why = f"along with {others}" if others else "here: this policy learned in one scene"
+            raise ValueError(f"{' and '.join(generated)} cannot be given {why}")
+        return self.given
+
+    def scenes(self) -> tuple[dict[str, Any], int]:
+        """Arguments of `IrsNavRandom-v0`, and the number of the scene.
+
+        Raises
+        ------
+        OSError
+            Where the scene's file cannot be read.
+        ValueError
+            Where one scene and a generated one are asked for at once, or there is no such scene.
+        """
+        one = [name for name in self.given if name not in ("split", "scene_id")]
+        if not one:
+            number = self.scene_id or 0
+            if number < 0:
+                raise ValueError(f"scene_id={number} must be 0 or more")
+            return {"split": self.split or "test", "num_scenes": number + 1}, number
+        own = self.of_one_scene
+        scene = load_scene(own.pop("scene", "paper"))
+        elements = own.pop("irs_elements", None)
+        scene = scene if elements is None else scene.with_irs_elements(elements)
+        return {"scenes": [type(scene).model_validate({**scene.model_dump(), **own})]}, 0
+
+
+AT_HOME = Place()
+
+
+@dataclass(frozen=True)
+class Cast:
+    """A policy, its environment, and the options of the environment's reset."""
+
+    policy: Policy
+    env: gymnasium.Env[Any, Any]
+    options: dict[str, Any] | None = None
+
+
+def cast(name: str, place: Place, render_mode: str, *, model: str = "best", seed: int = 0) -> Cast:
+    """The policy of that name, and an environment for it that renders in a mode.
+
+    Parameters
+    ----------
+    name
+        An algorithm with a pretrained model, a run folder, the file of a network, or a reference policy.
+    place
+        Where it plays.
+    model
+        Which state of a run's agent plays.
+    seed
+        Seed of the random policies.
+
+    Raises
+    ------
+    OSError
+        Where a file cannot be read.
+    ValueError
+        Where there is no such policy, or it does not play there.
+    """
+    if Path(name).suffix == ".npz":
+        policy = read_network(Path(name).read_bytes())
+        return _on_scenes(policy, "flat" if isinstance(policy, Explorer) else "map", place, render_mode)
+    if Path(name).exists() and (Path(name, "manifest.json").exists() or name not in (*ALGORITHMS, *GENERALISTS)):
+        return _of_run(Run.open(name), place, render_mode, model)
+    if name in ALGORITHMS:
+        pretrained: Any = load_pretrained(name, **place.of_one_scene)
+        return Cast(pretrained, pretrained.make_env(render_mode))
+    if name in GENERALISTS:
+        return _generalist(load_pretrained(name).policy, name, place, render_mode)  # type: ignore[arg-type]
+    if name in REFERENCES:
+        return _reference(lambda env: REFERENCES[name](env, seed), place, render_mode)
+    known = ", ".join([*ALGORITHMS, *GENERALISTS, *REFERENCES])
+    raise ValueError(f"{name!r} is neither a run folder nor one of {known}")
+
+
+def _of_run(run: Run, place: Place, render_mode: str, model: str) -> Cast:
+    if run.is_generalist:
+        return _generalist(run.load_model(model), run.config.algorithm, place, render_mode)  # type: ignore[arg-type]
+    if place.given:
+        said = ", ".join(place.given)
+        raise ValueError(f"{said} cannot be given along with a run: its agent plays where it was trained")
+    return Cast(run.load_model(model), _in_task(run.task, render_mode))
+
+
+def _generalist(policy: Any, algorithm: Generalist, place: Place, render_mode: str) -> Cast:
+    return _on_scenes(policy, observation_of(algorithm), place, render_mode)
+
+
+def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) -> Cast:
+    arguments, number = place.scenes()
+    env = gymnasium.make("irs_gym:IrsNavRandom-v0", render_mode=render_mode, observation=observation, **arguments)
+    if isinstance(policy, Explorer):
+        inner: Any = env.unwrapped
+        policy = replace(policy, shape=inner.worlds.pool.shape)
+    return Cast(policy, env, {"scene_id": number})
+
+
+def _reference(make: Callable[[gymnasium.Env[Any, Any]], Policy], place: Place, render_mode: str) -> Cast:
+    if place.split is None and place.scene_id is None:
+        env = _in_task(Task(**place.given), render_mode)
+        return Cast(make(env), env)
+    blank = _on_scenes(None, "flat", place, render_mode)
+    return replace(blank, policy=make(blank.env))
+
+
+def _in_task(task: Task, render_mode: str) -> gymnasium.Env[Any, Any]:
+    arguments = arguments_of(replace(task, random_start=False))
+    return gymnasium.make("irs_gym:IrsNav-v0", render_mode=render_mode, **arguments)

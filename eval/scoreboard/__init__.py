@@ -1,0 +1,1 @@
+"""Scores of training runs on one scene, over seeds and problems."""

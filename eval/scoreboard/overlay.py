@@ -1,0 +1,99 @@
+"""`draw_paths`: paths of policies over the radio map, as a PNG."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path
+from matplotlib.transforms import Affine2D
+
+from agents.rollout.episode import Episode
+from eval.pictures import add_legend, as_png
+from irs_gym.mdp.task import World
+
+BROAD: dict[str, Any] = {"color": "white", "linewidth": 5.0, "linestyle": "-"}
+COLOURS = ("tab:orange", "tab:red", "tab:cyan", "magenta", "lime")
+DASHES = ("--", ":", "-.")
+RIM = [patheffects.withStroke(linewidth=7.0, foreground="black")]
+
+
+def draw_paths(world: World, paths: Mapping[str, Episode], dpi: int = 150, *, in_palette: bool = False) -> bytes:
+    """A picture of the map, the obstacles, the cells below the target, and paths, each with its length.
+
+    The first path is drawn broadest, so that the others show on it. ``dpi`` and ``in_palette`` are
+    those of `as_png`.
+    """
+    figure = Figure(figsize=(8.0, 6.6), layout="constrained")
+    axes = figure.add_subplot()
+    image = draw_map(axes, world)
+    bar = figure.colorbar(image, ax=axes, label="expected channel gain (dB)")
+    bar.ax.axhline(world.target_db, color="white", linewidth=4)
+    bar.ax.axhline(world.target_db, color="black", linewidth=1.5)
+    for n, (name, episode) in enumerate(paths.items()):
+        points = world.radio_map.grid.centres()[tuple(episode.path.T)]
+        label = f"{name}: {episode.distance:.3f} m" + ("" if episode.is_success else ", goal not reached")
+        line = axes.plot(*points.T, label=label, solid_capstyle="round", **_style(n))[0]
+        if n == 0:
+            line.set_path_effects(RIM)
+    draw_ends(axes, world)
+    handles, _ = axes.get_legend_handles_labels()
+    handles += [
+        Patch(facecolor="black", label="obstacle"),
+        Patch(facecolor="0.8", edgecolor="0.35", hatch="////", label="below the target"),
+    ]
+    add_legend(figure, handles)
+    axes.set(title=_title(world), xlabel="x (m)", ylabel="y (m)")
+    return as_png(figure, dpi, in_palette=in_palette)
+
+
+def _style(n: int) -> dict[str, Any]:
+    """Colour and dashes of path n: all but the second have gaps, through which others show; 15 look different."""
+    if n == 0:
+        return BROAD
+    return {"color": COLOURS[(n - 1) % 5], "linestyle": DASHES[n % 3] if n > 1 else "-", "linewidth": 2.2}
+
+
+def draw_map(axes: Axes, world: World) -> AxesImage:
+    """Gain in colour, obstacles in black, cells below the target pale and hatched."""
+    grid, gain_db = world.radio_map.grid, world.radio_map.gain_db
+    (left, bottom), (right, top) = grid.origin, grid.upper
+    free = world.radio_map.free
+    image = axes.imshow(np.where(free, gain_db, np.nan).T, origin="lower", extent=(left, right, bottom, top))
+    axes.set_facecolor("black")
+    below = np.argwhere(free & ~world.feasible)
+    if len(below):
+        corners = [grid.origin + cell * grid.cell_size for cell in below]
+        squares = [Path.unit_rectangle().transformed(Affine2D().scale(grid.cell_size).translate(*at)) for at in corners]
+        shape = Path.make_compound_path(*squares)
+        axes.add_patch(PathPatch(shape, facecolor=(1, 1, 1, 0.55), edgecolor="0.35", hatch="////", linewidth=0))
+    return image
+
+
+def draw_ends(axes: Axes, world: World, size: float = 10.0) -> None:
+    """Start and goal, access points and panels; the last two are not known for a map from elsewhere."""
+    grid = world.radio_map.grid
+    marks = [("start", "D", "white", [grid.centre(world.start)]), ("goal", "s", "white", [grid.centre(world.goal)])]
+    if world.scene is not None:
+        marks.append(("access point", "^", "tab:red", [each.position[:2] for each in world.scene.access_points]))
+        marks.append(("IRS", "P", "tab:cyan", [each.position[:2] for each in world.scene.irs_panels]))
+    for label, marker, colour, points in marks:
+        if points:
+            x, y = zip(*points, strict=True)
+            axes.plot(x, y, marker, color=colour, markeredgecolor="black", markersize=size, label=label, clip_on=False)
+
+
+def _title(world: World) -> str:
+    task = world.task
+    if world.scene is None:
+        radio = "given map"
+    elif not world.scene.irs_panels:
+        radio = f"scene {world.scene.name!r} without IRS"
+    else:
+        phases = "continuous phases" if task.phase_bits is None else f"{task.phase_bits}-bit phases ({task.quantiser})"
+        radio = f"scene {world.scene.name!r} with IRS, {phases}"
+    return f"{radio}, target {world.target_db:g} dB"

@@ -1,0 +1,1 @@
+"""Scores of policies on scenes that they did not learn on."""

@@ -1,0 +1,1 @@
+"""Which scenes there are: generated ones, their splits, and sets of them with their maps."""

@@ -1,0 +1,295 @@
+"""`generate_scene`: factories drawn at random, each with a task that can be solved, graded by its detour."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, floor
+from numbers import Real
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.datasets.solved_scene import Solved
+from irs_gym.grid import Cell, Grid, as_cell, checked_point
+from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target, largest_component
+from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
+from irs_gym.radio.radio_map import RadioMap, build_radio_map
+from irs_gym.radio.scene import AccessPoint, IrsPanel, Obstacle, Point3, Room, Scene, Wall, load_scene
+from irs_gym.units import wavelength_m
+
+VERSION = 1  # of what is drawn from a seed, and of its map: whoever changes either makes other scenes of all seeds
+
+CELL_SIZE = 0.5  # metres: of the map that makes a scene feasible
+RASTER = 0.25  # metres: edges of boxes
+LONGEST = 200.0  # metres: the greatest side of a room
+MOST_BOXES = 1000
+FACTORIES = 10_000  # drawn before a difficulty is given up
+TRIES = 12  # tasks tried in one factory, whose map costs more than they
+LEAST_FLOOR = 0.4  # of the room: the largest piece of floor that a robot can drive on
+LEAST_RANGE_DB = 0.5  # from the loosest to the highest feasible target
+WALLS: tuple[Wall, ...] = ("x_min", "x_max", "y_min", "y_max")
+
+Range = tuple[int, int]  # both ends included
+Panels = Literal["usual", "none", "two", "small", "large"]
+_ELEMENTS: dict[Panels, tuple[Range, ...]] = {  # of each panel
+    "usual": ((400, 2400),),
+    "none": (),
+    "two": ((400, 2400), (400, 2400)),
+    "small": ((20, 200),),
+    "large": ((4000, 8000),),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difficulty:
+    """What scenes are drawn from. Raises ``ValueError`` where a value is out of its range."""
+
+    sides: tuple[float, float] = (14.0, 20.0)
+    """Least and greatest side of the room in metres."""
+    boxes: Range = (3, 12)
+    """Least and greatest number of boxes."""
+    panels: tuple[Panels, ...] = ("usual",)
+    """Kinds of IRS, each as likely."""
+    detour: float = 1.05
+    """Oracle distance over octile distance that a scene with a detour is above."""
+    detour_share: float = 0.6
+    """Probability that a scene is drawn until it has a detour; the others are as they come, some with one, too."""
+
+    def __post_init__(self) -> None:
+        low, high = checked_point(self.sides, "sides")
+        if not 4.0 <= low <= high <= LONGEST:
+            raise ValueError(f"sides={self.sides} must rise, from 4 m to {LONGEST} m at most")
+        least, most = as_cell(self.boxes, "boxes", "two integers, the least and the greatest number of boxes")
+        if not 0 <= least <= most <= MOST_BOXES:
+            raise ValueError(f"boxes={self.boxes} must rise, from 0 to {MOST_BOXES} at most")
+        if (
+            not isinstance(self.panels, tuple)
+            or not self.panels
+            or not all(each in (*_ELEMENTS,) for each in self.panels)
+        ):
+            raise ValueError(f"panels={self.panels} must hold some of {tuple(_ELEMENTS)}")
+        for name in ("detour", "detour_share"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise ValueError(f"{name}={value!r} must be a number")
+        if not 1.0 <= self.detour <= 1.5:
+            raise ValueError(f"detour={self.detour} must lie from 1 to 1.5: few scenes have longer ones")
+        if not 0.0 <= self.detour_share <= 1.0:
+            raise ValueError(f"detour_share={self.detour_share} must be a probability from 0 to 1")
+
+
+DIFFICULTIES = {
+    "easy": Difficulty(detour_share=0.0),
+    "default": Difficulty(),
+    "hard": Difficulty(detour=1.2, detour_share=1.0),
+}
+
+
+def generate_scene(rng: np.random.Generator, difficulty: str | Difficulty = "default") -> Scene:
+    """A scene drawn at random, feasible at its own target.
+
+    A room with boxes, an access point on one wall and an IRS on another, each of random size and place; start and
+    goal at least half the room apart; a target between the loosest, which excludes no cell, and the highest feasible.
+
+    Parameters
+    ----------
+    rng
+        Equal states draw equal scenes.
+    difficulty
+        ``"easy"`` (tasks as they come: most need no detour), ``"default"`` (three of five are drawn until they need
+        one above 5 %, and some of the others need one as they come: 717 of the 1,000 test scenes do), ``"hard"`` (all
+        need one above 20 %), or a `Difficulty`.
+
+    Raises
+    ------
+    ValueError
+        Where there is no such difficulty, ``rng`` is no generator, or no scene of that difficulty was found.
+    """
+    return draw(rng, difficulty).scene
+
+
+def draw(rng: np.random.Generator, difficulty: str | Difficulty = "default") -> Solved:
+    """The scene of `generate_scene` with its map and distances to go."""
+    if isinstance(difficulty, str):
+        if difficulty not in DIFFICULTIES:
+            raise ValueError(f"difficulty={difficulty!r} must be one of {tuple(DIFFICULTIES)}, or a Difficulty")
+        difficulty = DIFFICULTIES[difficulty]
+    if not isinstance(rng, np.random.Generator) or not isinstance(difficulty, Difficulty):
+        raise ValueError(
+            f"rng={rng!r} must be a numpy.random.Generator, difficulty={difficulty!r} a name or a Difficulty"
+        )
+    # decided before anything is rejected, so that the share is kept
+    detour = difficulty.detour if rng.random() < difficulty.detour_share else 0.0
+    for _ in range(FACTORIES):  # degenerate factories, and those without such a task, are drawn anew
+        scene = _draw_factory(rng, difficulty)
+        found = None if scene is None else _draw_task(rng, scene, detour)
+        if found is not None:
+            return found
+    raise ValueError(f"difficulty={difficulty}: none of {FACTORIES} factories has such a task")
+
+
+def least_distance(room: Room) -> float:
+    """Metres that start and goal are apart at least, centre to centre: half the mean of the room's sides."""
+    return (room.x_max - room.x_min + room.y_max - room.y_min) / 4
+
+
+# --- the factory ------------------------------------------------------------------------------------------------
+
+
+def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
+    """A factory with some start and goal in it; None for a degenerate one."""
+    half_x, half_y = _step(rng, *level.sides, 0.5) / 2, _step(rng, *level.sides, 0.5) / 2
+    room = Room(x_min=-half_x, x_max=half_x, y_min=-half_y, y_max=half_y, height=_step(rng, 4.0, 8.0, 0.5))
+    obstacles = tuple(_draw_box(rng, room) for _ in range(_whole(rng, *level.boxes)))
+    walls = _shuffled(rng, WALLS)
+    access_point = AccessPoint(position=_on_wall(rng, room, walls[0], 1.5, room.height - 0.5))
+    kinds = _ELEMENTS[level.panels[_whole(rng, 0, len(level.panels) - 1)]]
+    panels = tuple(_draw_panel(rng, room, wall, each) for wall, each in zip(walls[1:], kinds, strict=False))
+    phase_bits = (None, 1, 2, 3)[_whole(rng, 0, 3)] if panels else None
+
+    mounted = [access_point.position, *((*each.position[:2], each.position[2] - _half_height(each)) for each in panels)]
+    grid = Grid.tile(room.lower, room.upper, CELL_SIZE)
+    floor_cells = _floor(grid, obstacles)
+    if floor_cells.mean() < LEAST_FLOOR or any(_is_covered(point, obstacles) for point in mounted):
+        return None
+    ends = _draw_ends(rng, np.argwhere(floor_cells), least_distance(room) / CELL_SIZE)
+    if ends is None:
+        return None
+    paper = _paper()
+    return Scene(
+        name="generated",
+        room=room,
+        obstacles=obstacles,
+        access_points=(access_point,),
+        irs_panels=panels,
+        antenna_height=paper.antenna_height,
+        start=grid.centre(ends[0]),
+        goal=grid.centre(ends[1]),
+        carrier_ghz=paper.carrier_ghz,
+        rician_factor_db=paper.rician_factor_db,
+        path_loss=paper.path_loss,
+        phase_bits=phase_bits,
+    )
+
+
+def _draw_box(rng: np.random.Generator, room: Room) -> Obstacle:
+    """A box with its edges on the raster; one in four stands at a wall."""
+    sides = [_step(rng, 1.0, 6.0, RASTER), _step(rng, 0.75, 3.0, RASTER)]  # one of 0.5 m may hold no cell
+    width, depth = sides if rng.random() < 0.5 else sides[::-1]
+    x = _step(rng, room.x_min, room.x_max - width, RASTER)
+    y = _step(rng, room.y_min, room.y_max - depth, RASTER)
+    if rng.random() < 0.25:
+        wall = WALLS[_whole(rng, 0, 3)]
+        x = {"x_min": room.x_min, "x_max": room.x_max - width}.get(wall, x)
+        y = {"y_min": room.y_min, "y_max": room.y_max - depth}.get(wall, y)
+    return Obstacle(center=(x + width / 2, y + depth / 2), size=(width, depth, _step(rng, 0.5, 3.0, 0.1)))
+
+
+def _draw_panel(rng: np.random.Generator, room: Room, wall: Wall, elements: Range) -> IrsPanel:
+    """A panel of so many elements that fits between floor and ceiling."""
+    pitch, total = _paper().irs_panels[0].pitch_wavelengths, -1
+    while not elements[0] <= total <= elements[1]:
+        shape = _whole(rng, 2, 20), _whole(rng, 2, 10), _whole(rng, 1, 2), _whole(rng, 5, 20)
+        total = shape[0] * shape[1] * shape[2] * shape[3]
+    columns, rows, *each = shape
+    panel = IrsPanel(
+        position=(0.0, 0.0, 0.0),
+        wall=wall,
+        columns=columns,
+        rows=rows,
+        elements_per_subsurface=(each[0], each[1]),
+        pitch_wavelengths=pitch,
+    )
+    clearance = 0.2 + _half_height(panel)
+    low, high = ceil(10 * max(1.5, clearance)) / 10, floor(10 * (room.height - clearance)) / 10
+    return panel.model_copy(update={"position": _on_wall(rng, room, wall, low, high)})
+
+
+def _half_height(panel: IrsPanel) -> float:
+    """Half the height of a panel in metres."""
+    wavelength = wavelength_m(_paper().carrier_ghz)
+    return panel.rows * panel.elements_per_subsurface[1] * panel.pitch_wavelengths * wavelength / 2
+
+
+def _on_wall(rng: np.random.Generator, room: Room, wall: Wall, low: float, high: float) -> Point3:
+    """A point on a wall, from ``low`` to ``high`` metres above the floor, half a metre from the corners at least."""
+    z, where = _step(rng, low, high, 0.1), float(getattr(room, wall))
+    if wall.startswith("x"):
+        return where, _step(rng, room.y_min + 0.5, room.y_max - 0.5, 0.1), z
+    return _step(rng, room.x_min + 0.5, room.x_max - 0.5, 0.1), where, z
+
+
+def _is_covered(point: Point3, obstacles: tuple[Obstacle, ...]) -> bool:
+    """Whether what is mounted at a point stands behind a box."""
+    return any(
+        all(low - TOUCH <= at <= high + TOUCH for at, low, high in zip(point, box.lower, box.upper, strict=True))
+        for box in obstacles
+    )
+
+
+def _floor(grid: Grid, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
+    """The largest piece of floor that a robot can drive on, shape ``(X, Y)``."""
+    boxes = Boxes(*(np.array([getattr(box, end) for box in obstacles]).reshape(-1, 3) for end in ("lower", "upper")))
+    return largest_component(~is_in_footprint(grid.centres(), boxes))
+
+
+# --- the task ---------------------------------------------------------------------------------------------------
+
+
+def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> Solved | None:
+    """The factory with a task whose detour is above the one given; None where none was found."""
+    radio_map = build_radio_map(factory, CELL_SIZE)
+    floor_cells = _floor(radio_map.grid, factory.obstacles)
+    loosest, cells = float(radio_map.gain_db[floor_cells].min()), np.argwhere(floor_cells)
+    for _ in range(TRIES):
+        ends = _draw_ends(rng, cells, least_distance(factory.room) / CELL_SIZE)
+        if ends is None:
+            continue
+        highest = highest_feasible_target(radio_map.gain_db, *ends)
+        if highest - loosest < LEAST_RANGE_DB:
+            continue
+        # rounded down, so that it stays feasible
+        target_db = floor(100 * (loosest + rng.random() * (highest - loosest))) / 100
+        start, goal = (radio_map.grid.centre(end) for end in ends)
+        scene = factory.model_copy(update={"start": start, "goal": goal, "target_db": target_db})
+        solved = _solved(scene, radio_map, ends[1])
+        if detour + 1e-9 < solved.detour < np.inf:  # whatever the rounding of sums
+            return solved
+    return None
+
+
+def _solved(scene: Scene, radio_map: RadioMap, goal: Cell) -> Solved:
+    to_go = distance_to_go(radio_map.feasible(scene.target_db), goal, CELL_SIZE)
+    return Solved(scene, radio_map, to_go)
+
+
+def _draw_ends(rng: np.random.Generator, cells: NDArray[np.int64], apart: float) -> tuple[Cell, Cell] | None:
+    """Two of the cells ``(n, 2)`` at least so many cells apart; None where there is none that far from the first."""
+    start = cells[_whole(rng, 0, len(cells) - 1)]
+    goals = cells[np.sum((cells - start) ** 2, axis=1) >= apart**2]
+    if not len(goals):
+        return None
+    goal = goals[_whole(rng, 0, len(goals) - 1)]
+    return (int(start[0]), int(start[1])), (int(goal[0]), int(goal[1]))
+
+
+@lru_cache(maxsize=1)
+def _paper() -> Scene:
+    """Whose radio constants all scenes share."""
+    return load_scene("paper")
+
+
+# --- numbers ----------------------------------------------------------------------------------------------------
+
+
+def _whole(rng: np.random.Generator, low: int, high: int) -> int:
+    return int(rng.integers(low, high, endpoint=True))
+
+
+def _step(rng: np.random.Generator, low: float, high: float, step: float) -> float:
+    """One of low, low + step ... up to high, without the dust of rounding."""
+    return round(low + step * _whole(rng, 0, floor((high - low) / step + 1e-9)), 4)
+
+
+def _shuffled(rng: np.random.Generator, walls: tuple[Wall, ...]) -> list[Wall]:
+    return [walls[n] for n in np.argsort([rng.random() for _ in walls])]

@@ -1,0 +1,175 @@
+"""`RandomTask`: the arguments of an environment over many scenes, checked, and `Worlds`: all that they fix."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache
+from operator import index
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from irs_gym.datasets.scene_set import Pool, build_pool, pool_of
+from irs_gym.datasets.splits import split_of
+from irs_gym.grid import Grid
+from irs_gym.mdp.dynamics import check_bonus, potential
+from irs_gym.mdp.task import Constraint, Observation, Task, World, checked_fields, is_integer
+from irs_gym.radio.radio_map import RadioMap
+from irs_gym.radio.scene import Scene, load_scenes
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomTask:
+    """What `IrsNavRandom-v0` is made of; each field is an argument of `gymnasium.make`. All have defaults.
+
+    Raises ``ValueError`` where a value is out of its range; the message names the field.
+    """
+
+    split: str = "train"
+    """Which generated scenes: one of `irs_gym.datasets.splits.SPLITS`."""
+    num_scenes: int = 1000
+    """How many of the split's, from the first on."""
+    scenes: str | Path | Sequence[Scene | Mapping[str, Any]] | Pool | None = None
+    """A folder of scene files, scenes (or their data as dicts) or a pool, in place of a split; a file's name is its
+    scene's id."""
+    observation: Observation = Task.observation
+    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map", or the "cell"."""
+    patch_radius: int = Task.patch_radius
+    """Cells that the robot sees around itself in each direction."""
+    constraint: Constraint = Task.constraint
+    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed at a cost."""
+    random_start: float = Task.random_start
+    """Probability of a start drawn among the cells from which the goal can be reached; True is 1."""
+    shaping: bool = Task.shaping
+    """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
+    goal_bonus: float = Task.goal_bonus
+    """Reward at the goal, in metres."""
+
+    def __post_init__(self) -> None:
+        _ = self.common  # checks the fields of each scene's task
+        size = split_of(self.split).size
+        if not is_integer(self.num_scenes) or not 1 <= self.num_scenes <= size:
+            raise ValueError(
+                f"num_scenes={self.num_scenes!r} must be a number from 1 to {size}, the scenes of {self.split!r}"
+            )
+        if self.scenes is None:
+            return
+        given = [name for name in ("split", "num_scenes") if getattr(self, name) != getattr(RandomTask, name)]
+        if given:
+            raise ValueError(f"{', '.join(given)} cannot be given along with scenes, which takes the place of a split")
+        if not isinstance(self.scenes, str | Path | Pool):
+            object.__setattr__(self, "scenes", _scenes(self.scenes))
+
+    @cached_property
+    def common(self) -> Task:
+        """What the tasks of all scenes have in common."""
+        shared = {each.name for each in fields(Task)} & {each.name for each in fields(self)}
+        return Task(irs_phases=False, **{name: getattr(self, name) for name in shared})
+
+    def __deepcopy__(self, memo: Any) -> "RandomTask":
+        return self  # frozen, and so are its scenes
+
+
+def random_task_of(arguments: dict[str, Any], owner: str = "RandomTask") -> RandomTask:
+    """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an unknown one."""
+    return RandomTask(**checked_fields(RandomTask, arguments, owner))
+
+
+def _scenes(scenes: Any) -> tuple[Scene, ...]:
+    if not isinstance(scenes, Sequence) or not all(isinstance(each, Scene | Mapping) for each in scenes):
+        raise ValueError(f"scenes={scenes!r} must be a folder of scene files, a sequence of scenes, or a pool")
+    return tuple(each if isinstance(each, Scene) else Scene.from_data(each) for each in scenes)
+
+
+@dataclass(frozen=True, eq=False)
+class Worlds:
+    """A random task with its maps, shared by all environments of that task."""
+
+    task: RandomTask
+    pool: Pool
+
+    def __len__(self) -> int:
+        return len(self.pool)
+
+    def world(self, number: int) -> World:
+        """World of one scene, on a map as large as the pool's frame."""
+        return _world(self, number)
+
+    def number_of(self, scene_id: Any) -> int:
+        """Number of a scene from its name or number; a ``ValueError`` tells what names there are."""
+        names = self.pool.names
+        if isinstance(scene_id, str):
+            if names.count(scene_id) == 1:
+                return names.index(scene_id)
+            if scene_id in names:
+                raise ValueError(f"scene_id={scene_id!r} is the name of {names.count(scene_id)} scenes: give a number")
+        else:
+            try:
+                number = index(scene_id)
+            except TypeError:
+                number = -1
+            if 0 <= number < len(names) and not isinstance(scene_id, bool):
+                return number
+        some = ", ".join(map(repr, names[:3])) + (f" ... {names[-1]!r}" if len(names) > 3 else "")
+        raise ValueError(
+            f"scene_id={scene_id!r} must be a name of a scene ({some}) or a number from 0 to {len(names) - 1}"
+        )
+
+    def choose(self, scene_id: Any, rng: np.random.Generator) -> int:
+        """Number of the scene of an episode: the one that is asked for, or one drawn, all equally likely."""
+        return int(rng.integers(len(self))) if scene_id is None else self.number_of(scene_id)
+
+    def __reduce__(self) -> Any:
+        return build_worlds, (self.task,)
+
+
+def build_worlds(task: RandomTask) -> Worlds:
+    """Worlds of a task; equal tasks share them.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such folder.
+    ValueError
+        Where there is no such split, a scene is at fault, or the goal's bonus is too small for one of them; the
+        message names it.
+    """
+    if isinstance(task.scenes, str | Path):
+        task = replace(task, scenes=load_scenes(task.scenes))
+    return _build_worlds(task)
+
+
+@lru_cache(maxsize=4)
+def _build_worlds(task: RandomTask) -> Worlds:
+    if isinstance(task.scenes, Pool):
+        pool = task.scenes
+    elif task.scenes is None:
+        pool = build_pool(task.split, task.num_scenes)
+    else:
+        pool = pool_of(task.scenes)  # type: ignore[arg-type]  # a folder has been read
+    offsets = pool.start - pool.goal
+    worst = int(np.argmax(pool.oracle_distance + potential(task.common, offsets, pool.cell_size)))
+    try:
+        check_bonus(task.common, float(pool.oracle_distance[worst]), offsets[worst], pool.cell_size)
+    except ValueError as error:
+        raise ValueError(f"scene {pool.names[worst]!r}: {error}") from None
+    return Worlds(task, pool)
+
+
+@lru_cache(maxsize=16)
+def _world(worlds: Worlds, number: int) -> World:
+    pool = worlds.pool
+    scene = pool.scenes[number] if len(pool.scenes) else None
+    grid = Grid(pool.shape, pool.cell_size, scene.room.lower if scene else (0.0, 0.0))
+    task = replace(worlds.task.common, target_db=float(pool.target_db[number]), cell_size=pool.cell_size)
+    return World(
+        task=replace(task, scene=scene, phase_bits=scene.phase_bits) if scene else task,
+        scene=scene,
+        radio_map=RadioMap(pool.gain_db[number], grid=grid),
+        start=(int(pool.start[number, 0]), int(pool.start[number, 1])),
+        goal=(int(pool.goal[number, 0]), int(pool.goal[number, 1])),
+        feasible=pool.feasible[number],
+        irs=np.broadcast_to(pool.irs[number], (*pool.shape, 3)),
+        source=(_world, (worlds, number)),
+        to_go=pool.distance_to_go[number],
+    )

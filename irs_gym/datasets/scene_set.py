@@ -1,0 +1,212 @@
+"""`Pool`: many scenes with their radio maps and distances to go, stacked in arrays of one shape."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.datasets.build_shards import build_head
+from irs_gym.datasets.cache import cache_folder
+from irs_gym.datasets.generator import CELL_SIZE
+from irs_gym.datasets.shard import Block
+from irs_gym.datasets.solved_scene import Solved, solve
+from irs_gym.datasets.splits import check_frozen, split_of
+from irs_gym.grid import as_cell
+from irs_gym.memory import check_memory, freeze, frozen
+from irs_gym.radio.scene import Scene
+
+_CELL_BYTES = 50  # for each cell of each scene, at the most: maps, rules, and blocks before they are joined
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """S scenes with their maps; maps smaller than the frame (X, Y) are padded with blocked cells at their upper ends.
+
+    Attributes
+    ----------
+    scenes
+        The scenes; those of a split are read anew from their text whenever they are asked for.
+    names
+        A name for each.
+    target_db
+        float64, shape ``(S,)``: the scenes' targets.
+    gain_db
+        float64, shape ``(S, X, Y)``: expected channel gains; -inf in obstacles and outside of the room.
+    distance_to_go
+        float64, shape ``(S, X, Y)``: metres to the scene's own goal over feasible cells; +inf where it cannot be
+        reached.
+    irs
+        float32, shape ``(S, 3)``: see `irs_gym.mdp.task.irs_settings`.
+    start, goal
+        int64, shape ``(S, 2)``: cells (i, j).
+    cell_size
+        Edge of a cell in metres.
+    """
+
+    scenes: Sequence[Scene]
+    names: tuple[str, ...]
+    target_db: NDArray[np.float64]
+    gain_db: NDArray[np.float64]
+    distance_to_go: NDArray[np.float64]
+    irs: NDArray[np.float32]
+    start: NDArray[np.int64]
+    goal: NDArray[np.int64]
+    cell_size: float
+
+    def __post_init__(self) -> None:
+        freeze(self.target_db, self.gain_db, self.distance_to_go, self.irs, self.start, self.goal)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The frame (X, Y)."""
+        return self.gain_db.shape[1], self.gain_db.shape[2]
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Cells that a robot can enter, whatever the target: shape ``(S, X, Y)``."""
+        return frozen(np.isfinite(self.gain_db))
+
+    @cached_property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Free cells at or above their scene's target, shape ``(S, X, Y)``."""
+        return frozen(self.free & (self.gain_db >= self.target_db[:, None, None]))
+
+    @cached_property
+    def oracle_distance(self) -> NDArray[np.float64]:
+        """Length in metres of the shortest feasible path from each scene's start, shape ``(S,)``."""
+        return frozen(self.distance_to_go[np.arange(len(self)), self.start[:, 0], self.start[:, 1]])
+
+
+def pool_of(
+    scenes: Sequence[Scene],
+    names: Sequence[str] | None = None,
+    *,
+    cell_size: float = 0.5,
+    frame: tuple[int, int] | None = None,
+) -> Pool:
+    """Pool of given scenes.
+
+    Parameters
+    ----------
+    scenes
+        One or more, of any sizes.
+    names
+        A name for each; their own by default.
+    cell_size
+        Edge of a cell in metres.
+    frame
+        Cells (X, Y) of all maps; by default as large as the largest.
+
+    Raises
+    ------
+    ValueError
+        Where there is no scene, a scene is larger than the frame, or one is infeasible; the message names the scene
+        and, where there is one, its highest feasible target.
+    """
+    if not scenes:
+        raise ValueError("scenes is empty: a pool needs one or more")
+    names = tuple(scene.name for scene in scenes) if names is None else tuple(names)
+    if len(names) != len(scenes):
+        raise ValueError(f"names has {len(names)} entries for {len(scenes)} scenes: one for each is needed")
+    shapes = np.array([_shape(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)])
+    largest = (int(shapes[:, 0].max()), int(shapes[:, 1].max()))
+    frame = largest if frame is None else as_cell(frame, "frame", "two numbers of cells (X, Y)")
+    _check_memory(len(scenes), frame, f"cell_size={cell_size}, frame={frame}")
+    too_large = np.flatnonzero((shapes > frame).any(axis=1))
+    if len(too_large):
+        name, shape = names[too_large[0]], tuple(shapes[too_large[0]].tolist())
+        raise ValueError(f"scene {name!r} has {shape} cells: frame={frame} is too small")
+    solved = [_solve(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)]
+    return _pool(tuple(scenes), names, Block.of(solved, frame), cell_size)
+
+
+def build_pool(
+    split: str,
+    num_scenes: int | None = None,
+    *,
+    jobs: int | None = None,
+    progress: bool | None = None,
+    cache: str | Path | None = None,
+) -> Pool:
+    """Pool of the first scenes of a split, so that a smaller pool is the head of a larger.
+
+    Scenes are built by the hundred, in several processes where there are more, and kept in a cache, from which they
+    are read the next time; a damaged file there is built anew.
+
+    Parameters
+    ----------
+    split
+        See `irs_gym.datasets.splits.SPLITS`.
+    num_scenes
+        Scenes from the first on; 1,000 by default.
+    jobs
+        Processes; by default as many as there are processors. 1: this one alone.
+    progress
+        Whether to show a progress bar on the standard error where it takes longer than a second; by default, where
+        that is a terminal.
+    cache
+        Folder of the cache; by default ``IRS_GYM_CACHE``, else the user's folder for such files.
+
+    Raises
+    ------
+    ValueError
+        Where there is no such split, or it has fewer scenes.
+    RuntimeError
+        Where the split is frozen, and a scene of it comes out as another.
+    """
+    size = split_of(split).size
+    count = min(1000, size) if num_scenes is None else num_scenes
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= size:
+        raise ValueError(f"num_scenes={num_scenes!r} must be a number from 1 to {size}, the scenes of {split!r}")
+    _check_memory(int(count), split_of(split).frame, f"num_scenes={count}")
+    folder = cache_folder() if cache is None else Path(cache)
+    block = build_head(split, int(count), jobs=jobs, progress=progress, folder=folder)
+    texts = block.texts.tolist()
+    check_frozen(split, texts)
+    return _pool(_Texts(texts), tuple(f"{split}-{n}" for n in range(count)), block, CELL_SIZE)
+
+
+class _Texts(Sequence[Scene]):
+    """Scenes kept as JSON, each read whenever it is asked for."""
+
+    def __init__(self, texts: list[bytes]) -> None:
+        self._texts = texts
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+    def __getitem__(self, which: Any) -> Any:
+        if isinstance(which, slice):
+            return _Texts(self._texts[which])
+        return Scene.model_validate_json(self._texts[which], strict=True)
+
+
+def _pool(scenes: Sequence[Scene], names: tuple[str, ...], block: Block, cell_size: float) -> Pool:
+    arrays = {each.name: getattr(block, each.name) for each in fields(block) if each.name != "texts"}
+    return Pool(scenes=scenes, names=names, cell_size=cell_size, **arrays)
+
+
+def _check_memory(count: int, frame: tuple[int, int], asked: str) -> None:
+    size = float(count) * frame[0] * frame[1] * _CELL_BYTES
+    check_memory(f"{asked}: {count} maps of {frame[0]} x {frame[1]} cells", size)
+
+
+def _shape(scene: Scene, name: str, cell_size: float) -> tuple[int, int]:
+    try:
+        return scene.grid(cell_size).shape
+    except ValueError as error:
+        raise ValueError(f"scene {name!r}: {error}") from None
+
+
+def _solve(scene: Scene, name: str, cell_size: float) -> Solved:
+    try:
+        return solve(scene, cell_size)
+    except ValueError as error:
+        raise ValueError(f"scene {name!r}: {error}") from None

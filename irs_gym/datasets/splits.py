@@ -1,0 +1,113 @@
+"""`SPLITS`: the sets of generated scenes that agents are trained and tested on, and each scene by its number."""
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import sha256
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from irs_gym.datasets.generator import DIFFICULTIES, VERSION, Difficulty, draw
+from irs_gym.datasets.solved_scene import Solved
+from irs_gym.radio.scene import Scene
+
+_DIGITS = 8  # of a scene's SHA-256 that are kept of the frozen sets
+
+
+@dataclass(frozen=True, kw_only=True)
+class Split:
+    """A set of generated scenes."""
+
+    number: int
+    """Where its seeds begin: scene n is drawn from the seed (generator version, number, n)."""
+    size: int
+    """Scenes that there are."""
+    difficulty: Difficulty = DIFFICULTIES["default"]
+    """What they are drawn from."""
+    frame: tuple[int, int] = (40, 40)
+    """Cells (X, Y) of all maps, whatever their room."""
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether it never changes within a version of the environment, as sets do that scores are told of."""
+        return self.number > 0
+
+
+SPLITS = {
+    "train": Split(number=0, size=1_000_000),
+    "val": Split(number=1, size=1000),
+    "test": Split(number=2, size=1000),
+    # more boxes than in any training scene
+    "ood-clutter": Split(number=3, size=1000, difficulty=Difficulty(boxes=(13, 24))),
+    # no panel, two, or one with fewer or more elements than any training scene's
+    "ood-irs": Split(number=4, size=1000, difficulty=Difficulty(panels=("none", "two", "small", "large"))),
+    # twice the sides, and as many boxes for the area
+    "ood-size": Split(number=5, size=1000, difficulty=Difficulty(sides=(28.0, 40.0), boxes=(12, 48)), frame=(80, 80)),
+}
+
+
+def split_of(name: str) -> Split:
+    """A split by its name; a ``ValueError`` lists all for an unknown one."""
+    if not isinstance(name, str) or name not in SPLITS:
+        raise ValueError(f"split={name!r} must be one of {tuple(SPLITS)}")
+    return SPLITS[name]
+
+
+def scene_of(split: str, index: int) -> Scene:
+    """A scene of a split by its number, from 0; raises ``ValueError`` where there is none."""
+    return solved_of(split, index).scene
+
+
+def solved_of(split: str, index: int) -> Solved:
+    """The scene of `scene_of` with its map and distances to go."""
+    chosen = split_of(split)
+    if not 0 <= index < chosen.size:
+        raise ValueError(f"index={index} must be a number from 0 to {chosen.size - 1}: {split!r} has no more scenes")
+    solved = draw(np.random.default_rng((VERSION, chosen.number, index)), chosen.difficulty)
+    scene = solved.scene.model_copy(update={"name": f"{split}-{index}"})
+    return Solved(scene, solved.radio_map, solved.distance_to_go)
+
+
+def check_frozen(split: str, texts: list[bytes]) -> None:
+    """Refuse scenes, as JSON from the first on, that are not those of a frozen split.
+
+    Raises
+    ------
+    RuntimeError
+        Where a scene is another: scores on it could not be compared.
+    """
+    if not split_of(split).is_frozen:
+        return
+    for index, (wanted, text) in enumerate(zip(frozen()[split].scenes, texts, strict=False)):
+        if digest(text) != wanted:
+            raise RuntimeError(
+                f"scene {split}-{index} is not the one that was frozen, drawn with NumPy {np.__version__}: scores on "
+                "it could not be compared with others. Install a version of NumPy from the time of this release"
+            )
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """What is kept of a frozen split."""
+
+    sha256: str  # of the JSON of all its scenes, one a line
+    scenes: tuple[str, ...]  # the start of each one's own SHA-256
+
+
+def digest(text: bytes) -> str:
+    """The start of the SHA-256 of a scene's JSON."""
+    return sha256(text).hexdigest()[:_DIGITS]
+
+
+@lru_cache(maxsize=1)
+def frozen() -> dict[str, Frozen]:
+    """What is kept of each frozen split; ``python -m irs_gym.datasets.verify_splits`` holds it against the scenes."""
+    record: dict[str, Any] = json.loads(resources.files("irs_gym.datasets").joinpath("splits.json").read_bytes())
+    kept = {}
+    for name, entry in record["splits"].items():
+        digits = "".join(entry["scenes"])
+        scenes = tuple(digits[n : n + _DIGITS] for n in range(0, len(digits), _DIGITS))
+        kept[name] = Frozen(entry["sha256"], scenes)
+    return kept

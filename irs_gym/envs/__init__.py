@@ -1,0 +1,1 @@
+"""The environments of Gymnasium, single and vector, over one scene or many."""

@@ -1,0 +1,211 @@
+"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a thin shell over their episodes."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.envs.random_nav import IrsNavRandomEnv
+from irs_gym.grid import Cell
+from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
+from irs_gym.mdp.checks import (
+    METADATA,
+    PlainSpec,
+    check_fleet,
+    checked_count,
+    checked_options,
+    checked_render_mode,
+    each_seed,
+)
+from irs_gym.mdp.dynamics import ACTIONS, choose_start, draw_start, draws_start, start_cells, tables_for
+from irs_gym.mdp.task import World
+from irs_gym.rendering.frame_collection import FrameCollection
+from irs_gym.rendering.modes import with_render_mode
+from irs_gym.rendering.window import Window
+from irs_gym.vector.episodes import VectorEpisodes
+from irs_gym.vector.infos import VALUES, Infos, Step, Values
+from irs_gym.vector.many_scenes import Atlas, build_atlas
+from irs_gym.vector.protocols import RngOf, States
+from irs_gym.vector.single_envs import SingleEnvs
+
+
+class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
+    """`IrsNavRandom-v0` for many robots at once; equal to n single environments, step for step.
+
+    Parameters
+    ----------
+    num_envs, max_episode_steps, autoreset_mode, copy, render_mode, infos
+        As in `irs_gym.envs.vector_nav.IrsNavVectorEnv`.
+    **arguments
+        The fields of `irs_gym.datasets.random_task.RandomTask`.
+
+    Notes
+    -----
+    Each robot has a scene of its own, named in ``infos["scene_id"]``. The option ``scene_id`` of `reset` is one name or
+    number for all, or a list of one for each environment; everything else is as in `IrsNavVectorEnv`.
+    """
+
+    spec = PlainSpec()
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int = 400,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+        render_mode: str | None = None,
+        infos: Infos = "fast",
+        **arguments: Any,
+    ) -> None:
+        self.num_envs = checked_count("num_envs", num_envs)
+        self.max_episode_steps = checked_count("max_episode_steps", max_episode_steps)
+        self.autoreset_mode = checked_mode(autoreset_mode)
+        self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
+        self.render_mode, self.copy = checked_render_mode(render_mode), copy
+        self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
+        sampler = _EpisodeSampler(self.worlds)
+        check_fleet(self.num_envs, self.max_episode_steps, sampler.packing)
+        self._episodes = VectorEpisodes(
+            sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
+        )
+
+        self._singles = SingleEnvs(
+            self, partial(IrsNavRandomEnv, render_mode=render_mode, infos=infos, **arguments), self._episodes.snapshot
+        )
+
+        self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.single_observation_space = sampler.packing.space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    @property
+    def task(self) -> RandomTask:
+        """The arguments."""
+        return self.worlds.task
+
+    def world_of(self, i: int) -> World:
+        """World of the scene that robot i is in."""
+        return self._episodes.scene_and_goal(i)[0]
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode in every environment, or in those of ``options["reset_mask"]``."""
+        seeds = each_seed(seed, self.num_envs)
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
+        return self._episodes.reset(seeds, options)
+
+    def step(
+        self, actions: NDArray[np.integer[Any]]
+    ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Move every robot once; see `IrsNavRandomEnv`."""
+        return self._episodes.step(actions)
+
+    def paths(self) -> list[list[Cell]]:
+        """Cells (i, j) of each robot's episode; see `IrsNavVectorEnv.paths`."""
+        return self._episodes.paths()
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which actions are not refused, bool ``(n, 8)``; see `IrsNavEnv.action_masks`."""
+        return self._episodes.action_masks()
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What a method (or attribute) of each single environment gives, as `SyncVectorEnv.call`.
+
+        Raises ``AttributeError`` where there is none, or where it would move one environment alone.
+        """
+        return self._singles.call(name, *args, **kwargs)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute of each single environment: ``oracle``, ``path``, ``world`` ..., as `SyncVectorEnv.get_attr`."""
+        return self._singles.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of your own in each environment, as `SyncVectorEnv.set_attr`; theirs are refused."""
+        self._singles.set_attr(name, values)
+
+    def render(self) -> tuple[Any, ...] | None:
+        """A picture or text for each environment; None without a render mode."""
+        return self._episodes.render(self.render_mode)
+
+
+def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
+    """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any render mode of Gymnasium."""
+    return with_render_mode(partial(IrsNavRandomVectorEnv, **arguments), render_mode, Window, FrameCollection)
+
+
+def _scene_id(step: Step) -> NDArray[np.object_]:
+    atlas: Atlas = step.ground  # type: ignore[assignment]
+    return atlas.scene_id(step.states)
+
+
+class _EpisodeSampler:
+    """Starts episodes in many worlds; `irs_gym.vector.protocols.EpisodeSampler` describes its
+    attributes and methods.
+    """
+
+    is_random = True
+    info_values: Values = {**VALUES, "scene_id": _scene_id}
+
+    def __init__(self, worlds: Worlds) -> None:
+        self.worlds = worlds
+        self.ground = build_atlas(worlds)
+        self.packing = self.ground.packing
+        self.is_violable = worlds.task.constraint == "allow"
+        self.map_shape, self.num_maps = self.ground.shape, len(worlds)
+
+    def begin(self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf) -> States:
+        given = checked_options(options, "scene_id")
+        scene_ids = given.pop("scene_id", None)
+        if not isinstance(scene_ids, list | tuple | np.ndarray):
+            scene_ids = [scene_ids] * len(states)
+        if len(scene_ids) != len(states):
+            raise ValueError(f"scene_id holds {len(scene_ids)} scenes for {len(states)} environments")
+        rngs = [rng(i) for i in chosen.tolist()]
+        numbers = [self.worlds.choose(scene_ids[i], each) for i, each in zip(chosen.tolist(), rngs, strict=True)]
+        if given:
+            starts, goals = self._given_ends(numbers, given, rngs)
+        else:
+            starts, goals = self._own_ends(numbers, rngs)
+        states = states.copy()
+        states[chosen] = self.ground.states_of(np.array(numbers), starts, goals)
+        return states
+
+    def scene_number(self, states: States, i: int) -> int:
+        return int(self.ground.scenes(states[[i]])[0])
+
+    def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
+        return self.ground.scene_and_goal(states, i)
+
+    def _given_ends(
+        self, numbers: list[int], given: dict[str, Cell], rngs: list[np.random.Generator]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Starts and goals ``(n, 2)`` where the options say one of them."""
+        ends = []
+        for number, rng in zip(numbers, rngs, strict=True):
+            world = self.worlds.world(number)
+            goal = given.get("goal", world.goal)
+            start = given.get("start") or choose_start(world, goal, rng)
+            tables_for(world, start, goal)
+            ends.append((start, goal))
+        starts, goals = np.array(ends).transpose(1, 0, 2)
+        return starts, goals
+
+    def _own_ends(
+        self, numbers: list[int], rngs: list[np.random.Generator]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The scenes' own starts, some of them drawn, and goals, ``(n, 2)``; such episodes are known to be feasible."""
+        pool, task = self.worlds.pool, self.worlds.task.common
+        starts, goals = pool.start[numbers], pool.goal[numbers]
+        for n, rng in enumerate(rngs if task.random_start else ()):
+            if draws_start(task, rng):
+                cells = start_cells(pool.distance_to_go[numbers[n]], tuple(goals[n].tolist()))
+                starts[n] = divmod(draw_start(cells, rng), pool.shape[1])
+        return starts, goals

@@ -1,0 +1,151 @@
+"""What both environments share towards their users: metadata, checks of what comes in, pictures."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import Enum
+from operator import index
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from numpy.typing import NDArray
+
+from irs_gym.grid import MOVE_NAMES, as_cell
+from irs_gym.mdp.dynamics import ACTIONS
+from irs_gym.mdp.observation import Packing
+from irs_gym.memory import check_memory
+from irs_gym.radio.radio_map import RadioMap
+from irs_gym.radio.scene import Scene
+
+METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}
+_ACTIONS = "an integer from 0 to 7: " + ", ".join(f"{n} {name}" for n, name in enumerate(MOVE_NAMES))
+
+
+class PlainSpec:
+    """The attribute ``spec``: how `gymnasium.make` makes an environment again, kept with arguments that JSON can hold.
+
+    A `Scene` and a `RadioMap` become dicts and a path a string, which the environments take in their place. A `Pool`
+    stays what it is: it is the one argument that JSON cannot hold.
+    """
+
+    def __get__(self, env: Any, kind: Any = None) -> EnvSpec | None:
+        return None if env is None else vars(env).get("_spec")
+
+    def __set__(self, env: Any, spec: EnvSpec | None) -> None:
+        arguments = {} if spec is None else {name: as_data(value) for name, value in spec.kwargs.items()}
+        vars(env)["_spec"] = None if spec is None else replace(spec, kwargs=arguments)
+
+
+def as_data(argument: Any) -> Any:
+    """An argument of an environment as numbers, strings, lists and dicts, where it can be said so."""
+    if isinstance(argument, Scene | RadioMap):
+        return argument.to_data()
+    if isinstance(argument, Enum):  # an autoreset mode
+        return argument.value
+    if isinstance(argument, Path):
+        return str(argument)
+    if isinstance(argument, np.generic | np.ndarray):
+        return argument.tolist()
+    if isinstance(argument, Sequence) and not isinstance(argument, str):
+        return [as_data(each) for each in argument]
+    return argument
+
+
+def checked_render_mode(render_mode: str | None) -> str | None:
+    """The mode; a ``ValueError`` lists the known ones for an unknown one."""
+    is_known = isinstance(render_mode, str) and render_mode in METADATA["render_modes"]
+    if render_mode is not None and not is_known:
+        raise ValueError(f"render_mode={render_mode!r} must be one of {METADATA['render_modes']} or None")
+    return render_mode
+
+
+def checked_action(action: Any) -> int:
+    """The action as an int; a ``ValueError`` lists the actions for one that is none."""
+    if type(action) is int and 0 <= action < ACTIONS:
+        return action
+    try:
+        number = index(action)
+    except TypeError:
+        number = -1
+    if not 0 <= number < ACTIONS or isinstance(action, bool | np.bool_):
+        raise ValueError(f"action={action!r} must be {_ACTIONS}")
+    return number
+
+
+def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
+    """Actions of ``count`` robots as an array; a ``ValueError`` names the first that is none."""
+    checked: NDArray[np.integer[Any]] = np.asarray(actions)
+    if checked.shape != (count,) or checked.dtype.kind not in "iu":
+        raise ValueError(
+            f"actions has the shape {checked.shape} and the type {checked.dtype}, "
+            f"but one integer for each of the {count} environments is needed"
+        )
+    numbers = checked.astype(np.int64, copy=False)
+    is_wrong = numbers.view(np.uint64) >= ACTIONS  # where a negative number is a huge one
+    if np.count_nonzero(is_wrong):
+        first = int(np.flatnonzero(is_wrong)[0])
+        raise ValueError(f"actions[{first}]={checked[first]} must be {_ACTIONS}")
+    return numbers
+
+
+def checked_options(options: dict[str, Any] | None, more: str | None = None) -> dict[str, Any]:
+    """The options of `reset`: ``start`` and ``goal``, checked to be cells, and ``more`` as it is given.
+
+    A ``ValueError`` names an unknown key, or a value that is no cell.
+    """
+    unknown = sorted(set(options or {}) - {"start", "goal", more})
+    if unknown:
+        may_hold = "start and goal, cells (i, j)" + (f", and {more}" if more else "")
+        raise ValueError(f"options has the unknown key {', '.join(unknown)}: it may hold {may_hold}")
+    return {name: value if name == more else as_cell(value, name) for name, value in (options or {}).items()}
+
+
+def check_fleet(num_envs: int, max_episode_steps: int, packing: Packing) -> None:
+    """Refuse a vector environment whose observations and paths would take too much memory, before any is made."""
+    check_memory(
+        f"num_envs={num_envs}: state and observations of {packing.width} numbers", num_envs * (18 * packing.width + 500)
+    )
+    check_memory(
+        f"num_envs={num_envs}, max_episode_steps={max_episode_steps}: the paths of all robots",
+        4.0 * num_envs * (max_episode_steps + 1),
+    )
+
+
+def checked_count(name: str, value: Any) -> int:
+    """A positive integer; a ``ValueError`` names what is none."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise ValueError(f"{name}={value!r} must be a positive integer")
+    return int(value)
+
+
+def checked_seed(seed: Any, name: str = "seed") -> int | None:
+    """The seed as an int, which Gymnasium asks for, or None; a ``ValueError`` names what is neither.
+
+    NumPy's integers are taken as well.
+    """
+    if seed is None:
+        return None
+    try:
+        number = index(seed)
+    except TypeError:
+        number = -1
+    if number < 0 or isinstance(seed, bool | np.bool_):
+        raise ValueError(f"{name}={seed!r} must be an integer from 0, or None")
+    return number
+
+
+def each_seed(seed: Any, count: int) -> Sequence[int | None] | None:
+    """A seed for each of ``count`` environments: the given ones, or counted up from one; None for no change.
+
+    Raises ``ValueError`` for a number of seeds that is not ``count``, and for a seed that is none.
+    """
+    if seed is None:
+        return None
+    if not isinstance(seed, Sequence | np.ndarray) or np.ndim(seed) == 0:
+        first = checked_seed(seed)
+        assert first is not None
+        return [first + i for i in range(count)]
+    if len(seed) != count:
+        raise ValueError(f"seed holds {len(seed)} numbers for {count} environments")
+    return [checked_seed(each, f"seed[{i}]") for i, each in enumerate(seed)]

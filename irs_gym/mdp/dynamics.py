@@ -1,0 +1,247 @@
+"""The rules of motion: pure, batched functions over cells and actions, and `Tables` that hold all their values."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves, octile_distance
+from irs_gym.mdp.task import Constraint, Task, World
+from irs_gym.memory import freeze
+from irs_gym.oracle.shortest_path import distance_to_go, infeasible
+
+Bools = NDArray[np.bool_]
+
+ACTIONS = len(MOVES)
+
+
+class Transition(NamedTuple):
+    """What actions do in cells: arrays of one shape, or of one value each."""
+
+    next_cell: Any  # flat index
+    reward: Any  # metres
+    moved: Any  # metres really travelled
+    is_refused: Any
+    cost: Any  # 1.0 where the target is missed
+    is_terminated: Any
+    is_at_goal: Any
+
+
+def potential(task: Task, offsets: NDArray[np.int64], cell_size: float) -> NDArray[np.float64]:
+    """Shaping potential in metres, shape ``(...)``: minus the octile distance to the goal, zero without shaping.
+
+    ``offsets`` ``(..., 2)``: cells from the goal along x and y.
+    """
+    return -octile_distance(offsets) * cell_size * task.shaping
+
+
+def reward(task: Task, length: Any, potential_now: Any, potential_next: Any, is_at_goal: Any) -> Any:
+    """Minus the metres of the move, plus the change of the potential, plus the goal's bonus."""
+    return -length + (potential_next - potential_now) + task.goal_bonus * is_at_goal
+
+
+def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[Bools, Bools]:
+    """Which actions are not refused, and which miss the target: both of shape ``(X, Y, 8)``.
+
+    A move into a wall, an obstacle or (unless allowed) a cell below the target is refused. Under ``"terminate"``, an
+    attempt to enter a cell below the target misses it, under ``"allow"`` whatever leads to one or stays in one.
+    """
+    keeps_target = legal_moves(feasible)
+    if constraint == "refuse":
+        return keeps_target, np.zeros_like(keeps_target)
+    is_open = legal_moves(free)
+    if constraint == "terminate":
+        return keeps_target, is_open & ~keeps_target
+    return is_open, np.where(is_open, ~keeps_target, ~feasible[..., None])
+
+
+def ends(task: Task, is_at_goal: Any, is_violation: Any) -> Any:
+    """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is missed."""
+    return is_at_goal | is_violation if task.constraint == "terminate" else is_at_goal
+
+
+def transition(world: World, goal: Cell) -> Transition:
+    """The transition of every cell and action, arrays of shape ``(X * Y, 8)``.
+
+    A refused move leaves the robot where it is and costs the move all the same.
+    """
+    task, grid = world.task, world.radio_map.grid
+    cells = np.arange(world.feasible.size)[:, None]
+    is_legal, is_violation = (
+        each.reshape(-1, ACTIONS) for each in permissions(task.constraint, world.radio_map.free, world.feasible)
+    )
+    next_cell = np.where(is_legal, cells + MOVES @ np.array([grid.shape[1], 1]), cells)
+    length = np.broadcast_to(MOVE_LENGTHS * grid.cell_size, is_legal.shape)
+    is_at_goal = is_legal & (next_cell == np.ravel_multi_index(goal, grid.shape))
+    phi = potential(task, _cells(grid.shape) - np.array(goal), grid.cell_size)
+    return Transition(
+        next_cell=next_cell,
+        reward=reward(task, length, phi[cells], phi[next_cell], is_at_goal),
+        moved=np.where(is_legal, length, 0.0),
+        is_refused=~is_legal,
+        cost=is_violation.astype(np.float64),
+        is_terminated=ends(task, is_at_goal, is_violation),
+        is_at_goal=is_at_goal,
+    )
+
+
+def transition_table(world: World, goal: Cell) -> Transition:
+    """As `transition`, but for the goal: there an episode is over, so each action stays, for nothing, and ends it."""
+    table, here = transition(world, goal), int(np.ravel_multi_index(goal, world.feasible.shape))
+    over = Transition(here, 0.0, 0.0, False, 0.0, True, True)
+    for column, value in zip(table, over, strict=True):
+        column[here] = value
+    return table
+
+
+def _cells(shape: tuple[int, int]) -> NDArray[np.int64]:
+    """All cells (i, j), shape ``(X * Y, 2)``."""
+    return np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)
+
+
+def action_mask(world: World) -> NDArray[np.int8]:
+    """1 where an action is not refused, shape ``(X * Y, 8)``."""
+    is_legal, _ = permissions(world.task.constraint, world.radio_map.free, world.feasible)
+    return is_legal.reshape(-1, ACTIONS).astype(np.int8)
+
+
+def start_cells(to_go: NDArray[np.float64], goal: Cell) -> NDArray[np.int64]:
+    """Cells, as flat indices, that a random start is drawn from: the goal can be reached, and is not yet."""
+    can_reach = np.isfinite(to_go)
+    can_reach[goal] = False
+    return np.flatnonzero(can_reach)
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """All values of the rules for one world and goal, over flat cells, for environments to gather from."""
+
+    world: World
+    goal: Cell
+    transition: NDArray[np.void]  # (X * Y * 8,), records of the fields of `Transition`
+    cell: NDArray[np.void]  # (X * Y,), records of distance_to_go in metres, gain_db and margin_db
+    action_mask: NDArray[np.int8]  # (X * Y, 8)
+    distance_to_go: NDArray[np.float64]  # (X, Y), metres
+    starts: NDArray[np.int64]  # flat indices
+
+    def __post_init__(self) -> None:
+        freeze(self.transition, self.cell, self.action_mask, self.distance_to_go, self.starts)
+
+    def __reduce__(self) -> Any:
+        return tabulate, (self.world, self.goal)
+
+
+@lru_cache(maxsize=8)
+def tabulate(world: World, goal: Cell) -> Tables:
+    """Tables of a world for one goal, with one run of Dijkstra; kept, so the same goal costs nothing again."""
+    grid = world.radio_map.grid
+    to_go = world.to_go if goal == world.goal else None
+    if to_go is None:
+        to_go = distance_to_go(world.feasible, goal, grid.cell_size)
+    gain_db = world.radio_map.gain_db
+    return Tables(
+        world=world,
+        goal=goal,
+        transition=_records(**transition(world, goal)._asdict()),
+        cell=_records(distance_to_go=to_go, gain_db=gain_db, margin_db=gain_db - world.target_db),
+        action_mask=action_mask(world),
+        distance_to_go=to_go,
+        starts=start_cells(to_go, goal),
+    )
+
+
+def _records(**columns: NDArray[Any]) -> NDArray[np.void]:
+    """The columns as one array of records: a record is gathered, or turned to Python's own types, in one go."""
+    records = np.empty(next(iter(columns.values())).size, dtype=[(name, each.dtype) for name, each in columns.items()])
+    for name, each in columns.items():
+        records[name] = each.ravel()
+    return records
+
+
+def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
+    """The world's start; with the probability that its task says, one drawn among the cells that lead to the goal."""
+    if not draws_start(world.task, rng):
+        return world.start
+    check_cell(world, "goal", goal)
+    starts = tabulate(world, goal).starts
+    if not len(starts):
+        raise ValueError(f"goal={goal} cannot be reached from any other cell at target_db={world.target_db}")
+    i, j = divmod(draw_start(starts, rng), world.feasible.shape[1])
+    return i, j
+
+
+def draws_start(task: Task, rng: np.random.Generator) -> bool:
+    """Whether the start of this episode is a drawn one."""
+    probability = task.random_start
+    return bool(probability and (probability == 1 or rng.random() < probability))
+
+
+def draw_start(starts: NDArray[np.int64], rng: np.random.Generator) -> int:
+    """One of the flat cells, all equally likely."""
+    return int(starts[rng.integers(len(starts))])
+
+
+def check_cell(world: World, name: str, cell: Cell) -> None:
+    """Refuse a cell off the map or in an obstacle; the ``ValueError`` names it."""
+    if not world.radio_map.grid.has(cell):
+        raise ValueError(f"{name}={cell} lies off the map of {world.radio_map.grid.shape} cells")
+    if not world.radio_map.free[cell]:
+        raise ValueError(f"{name}={cell} lies in an obstacle")
+
+
+def tables_for(world: World, start: Cell, goal: Cell) -> Tables:
+    """Tables for an episode from start to goal, refused before any work where there can be none.
+
+    Raises
+    ------
+    ValueError
+        Where an end lies off the map or in an obstacle, the two are one, or no feasible path joins them; the message
+        then gives the highest feasible target.
+    """
+    check_cell(world, "start", start)
+    check_cell(world, "goal", goal)
+    if start == goal:
+        raise ValueError(f"start={start} must differ from the goal")
+    tables = tabulate(world, goal)
+    if not np.isfinite(tables.distance_to_go[start]):
+        raise ValueError(infeasible(world.radio_map.gain_db, start, goal, world.target_db))
+    return tables
+
+
+def check_task(world: World) -> None:
+    """Refuse a world whose own start and goal cannot be joined, or where giving up would pay.
+
+    Raises
+    ------
+    ValueError
+        As `tables_for` and `check_bonus`.
+    """
+    to_go = tables_for(world, world.start, world.goal).distance_to_go
+    check_bonus(
+        world.task, float(to_go[world.start]), np.subtract(world.start, world.goal), world.radio_map.grid.cell_size
+    )
+
+
+def check_bonus(task: Task, distance: float, offset: NDArray[np.int64], cell_size: float) -> None:
+    """Refuse a goal's bonus with which giving up would pay.
+
+    Parameters
+    ----------
+    distance
+        Of the shortest feasible path in metres.
+    offset
+        Shape ``(2,)``: cells from the goal to the start.
+
+    Raises
+    ------
+    ValueError
+        Where violations end the episode, and one at once returns more than the path.
+    """
+    detour = distance + float(potential(task, offset, cell_size))
+    if task.constraint == "terminate" and detour >= task.goal_bonus:
+        raise ValueError(
+            f"goal_bonus={task.goal_bonus} is too small for constraint='terminate': to end the episode by a violation "
+            f"would pay more than the detour of {detour:.3f} m, so a bonus above that is needed"
+        )

@@ -1,0 +1,266 @@
+"""`Task`: the arguments of an environment, checked, and `World`: all that they fix once and for all."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, lru_cache
+from hashlib import blake2b
+from numbers import Real
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.grid import Cell, Grid, as_cell, checked_cell_size
+from irs_gym.memory import check_memory, freeze
+from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser
+from irs_gym.radio.radio_map import RadioMap, as_scene, build_phase_shifts, build_radio_map
+from irs_gym.radio.scene import TARGET_DB, Scene
+
+_CELL_BYTES = 1000  # for each cell: map, rules, graph and tables of an environment, at the most
+_LARGEST = 1e9  # of decibels and rewards
+_SHIFT_BYTES = 12  # for each of its phase shifts
+
+Constraint = Literal["refuse", "terminate", "allow"]
+Observation = Literal["dict", "flat", "map", "masked", "cell"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What `IrsNav-v0` is made of; each field is an argument of `gymnasium.make`. All have defaults.
+
+    Raises ``ValueError`` where a value is out of its range; the message names the field.
+    """
+
+    scene: str | Path | Scene | dict[str, Any] = "paper"
+    """A scene's name in the package, the path of a scene file, a scene, or its data as a dict."""
+    target_db: float | None = None
+    """Lowest expected channel gain in dB that keeps the robot connected; None as the scene says (-61.8 in "paper")."""
+    cell_size: float = 0.5
+    """Edge of a cell in metres."""
+    irs_elements: int | None = None
+    """Elements on each IRS panel, the paper's M; 0 for no IRS; None as the scene says (1,200 in "paper")."""
+    phase_bits: int | None = None
+    """Resolution of the phase shifters; None as the scene says (continuous in "paper")."""
+    quantiser: Quantiser = "nearest"
+    """How continuous phases are rounded to `phase_bits`."""
+    array_model: ArrayModel = "far_field"
+    """How the array of elements is modelled."""
+    patch_radius: int = 5
+    """Cells that the robot sees around itself in each direction."""
+    observation: Observation = "dict"
+    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map", or the "cell"."""
+    irs_phases: bool = True
+    """Whether the observation holds the phase shift of each sub-surface."""
+    constraint: Constraint = "refuse"
+    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed at a cost."""
+    random_start: float = False
+    """Probability of a start drawn among the cells from which the goal can be reached; True is 1."""
+    shaping: bool = True
+    """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
+    goal_bonus: float = 10.0
+    """Reward at the goal, in metres."""
+    radio_map: str | Path | RadioMap | dict[str, Any] | None = None
+    """A map, its data as a dict, or the path of a saved one, in place of the scene's."""
+    start: Cell | None = None
+    """Cell (i, j) in place of the scene's start; needed with `radio_map`."""
+    goal: Cell | None = None
+    """Cell (i, j) in place of the scene's goal; needed with `radio_map`."""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.scene, Mapping):
+            object.__setattr__(self, "scene", Scene.from_data(self.scene))
+        if isinstance(self.radio_map, Mapping):
+            object.__setattr__(self, "radio_map", RadioMap.from_data(self.radio_map))
+        Hardware(self.phase_bits, self.quantiser, self.array_model)
+        self._check_scalars()
+        for name, choices in (("observation", Observation), ("constraint", Constraint)):
+            if not isinstance(getattr(self, name), str) or getattr(self, name) not in get_args(choices):
+                raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}")
+        for name in ("irs_phases", "shaping"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise ValueError(f"{name}={getattr(self, name)!r} must be True or False")
+        for name in ("start", "goal"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, as_cell(getattr(self, name), name))
+        if self.radio_map is not None:
+            self._check_foreign_map()
+
+    def _check_scalars(self) -> None:
+        checked_cell_size(self.cell_size)
+        if self.irs_elements is not None and not is_integer(self.irs_elements):
+            raise ValueError(f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None")
+        for name in ("target_db", "goal_bonus"):
+            value = getattr(self, name)
+            if (value is not None or name == "goal_bonus") and not (_is_number(value) and abs(value) <= _LARGEST):
+                raise ValueError(f"{name}={value!r} must be a finite number, none beyond {_LARGEST}")
+        if self.goal_bonus < 0:
+            raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
+        if not isinstance(self.random_start, Real | np.bool_) or not 0 <= self.random_start <= 1:
+            raise ValueError(f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1")
+        if not is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
+            raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
+
+    def _check_foreign_map(self) -> None:
+        for name in ("start", "goal"):
+            if getattr(self, name) is None:
+                raise ValueError(f"{name} must be given as a cell (i, j) along with radio_map")
+        scene_only = ("scene", "cell_size", "irs_elements", "phase_bits", "quantiser", "array_model")
+        defaults = {each.name: each.default for each in fields(self)}
+        given = [name for name in scene_only if getattr(self, name) != defaults[name]]
+        if given:
+            raise ValueError(f"{', '.join(given)} cannot be given along with radio_map, which fixes the map")
+
+
+def task_of(arguments: dict[str, Any], owner: str = "Task") -> Task:
+    """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an unknown one."""
+    return Task(**checked_fields(Task, arguments, owner))
+
+
+def checked_fields(kind: type[Any], arguments: dict[str, Any], owner: str) -> dict[str, Any]:
+    """The arguments of the class ``owner``, if all are fields of a dataclass.
+
+    A ``TypeError`` lists the fields for an argument that is none, after the words with which Python itself refuses
+    one: TorchRL looks for these, and makes the environment without the argument.
+    """
+    known = [each.name for each in fields(kind)]
+    unknown = [name for name in arguments if name not in known]
+    if unknown:
+        refused = "; ".join(f"{owner}.__init__() got an unexpected keyword argument {name!r}" for name in unknown)
+        raise TypeError(f"{refused}: the arguments are {', '.join(known)} and render_mode")
+    return arguments
+
+
+def resolved(task: Task) -> Task:
+    """The task with its scene or map read, and with all that it left to the scene: a target and a resolution.
+
+    A map from elsewhere says no target: that of the paper is taken. A resolved task is left as it is.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where the scene or map file does not exist.
+    ValueError
+        Where it is damaged.
+    """
+    if task.radio_map is not None:
+        assert not isinstance(task.radio_map, dict)  # Task has read its data
+        radio_map = task.radio_map if isinstance(task.radio_map, RadioMap) else RadioMap.load(task.radio_map)
+        return replace(task, radio_map=radio_map, target_db=_first(task.target_db, TARGET_DB))
+    assert not isinstance(task.scene, dict)  # Task has read its data
+    scene = as_scene(task.scene)
+    return replace(
+        task,
+        scene=scene,
+        target_db=_first(task.target_db, scene.target_db),
+        phase_bits=scene.phase_bits if task.phase_bits is None else task.phase_bits,
+    )
+
+
+def _first(given: float | None, other: float) -> float:
+    return float(other if given is None else given)
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A task with its map: arrays that never change, shared by all environments of that task."""
+
+    task: Task  # resolved
+    scene: Scene | None
+    radio_map: RadioMap
+    start: Cell
+    goal: Cell
+    feasible: NDArray[np.bool_]  # (X, Y)
+    irs: NDArray[np.float32] = field(repr=False)  # (X, Y, 3 + N), what the observation tells of the IRS, in [-1, 1]
+    source: tuple[Callable[..., "World"], tuple[Any, ...]] = field(repr=False)  # a call that gives it again
+    to_go: NDArray[np.float64] | None = field(default=None, repr=False)  # (X, Y), metres to its own goal where known
+
+    def __post_init__(self) -> None:
+        freeze(self.feasible, self.irs, self.to_go)
+
+    @property
+    def target_db(self) -> float:
+        """Lowest expected channel gain that keeps the robot connected."""
+        assert self.task.target_db is not None  # the task is resolved
+        return self.task.target_db
+
+    @cached_property
+    def fingerprint(self) -> bytes:
+        """8 bytes that tell maps and rules apart; what is observed, and where episodes begin and end, is no part."""
+        task, grid = self.task, self.radio_map.grid
+        rules = (task.constraint, bool(task.shaping), float(task.goal_bonus), self.target_db)
+        said = repr((grid.shape, float(grid.cell_size), rules)).encode()
+        return blake2b(said + self.radio_map.gain_db.tobytes(), digest_size=8).digest()
+
+    def __reduce__(self) -> Any:
+        # A copy is the same world: rebuilt from its source in another process, shared in this one.
+        return self.source
+
+
+def build_world(task: Task) -> World:
+    """World of a task; equal tasks share one.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where a scene or map file does not exist.
+    ValueError
+        Where the scene, the map or an argument is at fault.
+    """
+    return _build_world(resolved(task))
+
+
+@lru_cache(maxsize=16)
+def _build_world(task: Task) -> World:
+    scene = None
+    if isinstance(task.radio_map, RadioMap):
+        radio_map, start, goal = task.radio_map, task.start, task.goal
+        radio_map.grid.check_memory(_CELL_BYTES, "the tables of a map")
+        settings = np.full(3, -1.0)
+        shifts = np.zeros((*radio_map.grid.shape, 0), dtype=np.float32)
+    else:
+        assert isinstance(task.scene, Scene)
+        scene = task.scene.with_irs_elements(task.irs_elements)
+        wanted = scene if task.irs_phases else scene.with_irs_elements(0)
+        _check_world(scene.grid(task.cell_size), wanted)
+        hardware = (task.phase_bits, task.quantiser, task.array_model)
+        radio_map = build_radio_map(scene, task.cell_size, None, *hardware)
+        start = task.start or radio_map.grid.cell_of(scene.start)
+        goal = task.goal or radio_map.grid.cell_of(scene.goal)
+        settings = irs_settings(scene, task.phase_bits)
+        shifts = build_phase_shifts(wanted, task.cell_size, None, *hardware)
+    assert start is not None  # Task asks for both along with a map
+    assert goal is not None
+    assert task.target_db is not None
+    spread = np.broadcast_to(settings.astype(np.float32), (*radio_map.grid.shape, 3))
+    irs = np.concatenate([spread, np.clip(shifts / np.float32(np.pi) - 1, -1, 1)], axis=-1)
+    feasible = radio_map.feasible(task.target_db)
+    return World(task, scene, radio_map, start, goal, feasible, irs, source=(build_world, (task,)))
+
+
+def _check_world(grid: Grid, scene: Scene) -> None:
+    """Refuse a world whose tables would take too much memory, before any of it is made."""
+    grid.check_memory(_CELL_BYTES, "map and tables")
+    cells, shifts = grid.shape[0] * grid.shape[1], sum(panel.subsurfaces for panel in scene.irs_panels)
+    check_memory(f"irs_elements: {shifts} phase shifts in each of {cells} cells", _SHIFT_BYTES * cells * shifts)
+
+
+def irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
+    """What an agent is told of the IRS, shape ``(3,)``, all -1 where there is none.
+
+    Presence (-1 or 1), resolution (1 - 2/L, 1 if continuous) and size (1 - 2/(1 + M/1000), M of all panels).
+    """
+    elements = sum(panel.elements for panel in scene.irs_panels)
+    if not elements:
+        return np.full(3, -1.0)
+    resolution = 1.0 if phase_bits is None else 1.0 - 2.0 / 2**phase_bits
+    return np.array([1.0, resolution, 1.0 - 2.0 / (1.0 + elements / 1000.0)])
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def is_integer(value: Any) -> bool:
+    """Whether a value is a whole number, and no bool."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)

@@ -1,0 +1,1 @@
+"""What the radio does: scenes, links, panels and the radio maps that they make."""

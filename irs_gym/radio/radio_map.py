@@ -1,0 +1,297 @@
+"""`RadioMap`: the expected channel gain of every floor cell, built from a scene, from an array or from a file."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from io import BytesIO
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irs_gym.files import as_path, read_arrays, write_file
+from irs_gym.grid import Grid, checked_map
+from irs_gym.memory import check_memory, freeze
+from irs_gym.radio.geometry import is_in_footprint
+from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser, channel
+from irs_gym.radio.scene import Scene, load_scene
+from irs_gym.units import Floats, linear_to_db
+
+_BLOCK = 2**20  # complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
+_ENTRY_BYTES = 160  # for each of them, at the most
+_CELL_BYTES = 64  # for each cell of a map that is built
+_LINK_BYTES = 400  # gone over for each cell and box in the way, for each link
+
+
+@dataclass(frozen=True, eq=False)
+class RadioMap:
+    """The paper's channel power gain map C over a grid.
+
+    Attributes
+    ----------
+    gain_db
+        float64, shape ``(X, Y)``, read-only: expected channel gain in dB of the cell ``[i, j]``; -inf where a robot
+        cannot be (obstacles) or nothing is received.
+    grid
+        The cells.
+    free
+        Bool, shape ``(X, Y)``, read-only: the cells that a robot can enter, whatever the target. By default those where
+        anything is received.
+    """
+
+    gain_db: NDArray[np.float64]
+    grid: Grid = field(kw_only=True)
+    free: NDArray[np.bool_] = field(kw_only=True, default=None)  # type: ignore[arg-type]  # set below
+
+    def __post_init__(self) -> None:
+        gain = np.array(checked_map(self.gain_db, "gain_db", "iuf", _CELL_BYTES))
+        if gain.shape != self.grid.shape:
+            raise ValueError(f"gain_db has the shape {gain.shape}, the grid {self.grid.shape}")
+        free = np.isfinite(gain)
+        if self.free is not None:
+            free = np.array(checked_map(self.free, "free", "b"))
+            if free.shape != gain.shape:
+                raise ValueError(f"free has the shape {free.shape}, gain_db {gain.shape}")
+            gain[~free] = -np.inf
+        freeze(gain, free)
+        object.__setattr__(self, "gain_db", gain)
+        object.__setattr__(self, "free", free)
+
+    @classmethod
+    def from_array(
+        cls,
+        gain_db: ArrayLike,
+        cell_size: float,
+        origin: tuple[float, float] = (0.0, 0.0),
+        free: ArrayLike | None = None,
+    ) -> "RadioMap":
+        """Radio map measured or computed elsewhere.
+
+        Parameters
+        ----------
+        gain_db
+            Shape ``(X, Y)`` in dB, ``[i, j]`` with i along x; -inf in obstacles.
+        cell_size
+            Edge of a cell in metres.
+        origin
+            Lower left corner of the floor in metres.
+        free
+            Bool, shape ``(X, Y)``: the cells that a robot can enter, where some of them receive nothing.
+
+        Raises
+        ------
+        ValueError
+            Where the array is not 2-D, real and free of NaN and +inf, or ``cell_size`` is not positive.
+        """
+        gain = checked_map(gain_db, "gain_db", "iuf", _CELL_BYTES)
+        grid = Grid((gain.shape[0], gain.shape[1]), cell_size, origin)
+        return cls(gain, grid=grid, free=free)  # type: ignore[arg-type]  # made an array there
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> "RadioMap":
+        """Map of what `to_data` gives; a ``ValueError`` says what is wrong with it."""
+        if set(data) not in ({"gain_db", "cell_size", "origin"}, {"gain_db", "cell_size", "origin", "free"}):
+            raise ValueError(f"radio_map holds {sorted(map(str, data))}, not gain_db, cell_size and origin")
+        try:
+            gain_db = [[-np.inf if gain is None else gain for gain in row] for row in data["gain_db"]]
+            return cls.from_array(gain_db, data["cell_size"], (*data["origin"],), data.get("free"))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"radio_map: {error}") from None
+
+    def to_data(self) -> dict[str, Any]:
+        """The map as JSON can hold it: lists ``gain_db``, with None for -inf, and ``origin``; ``cell_size``.
+
+        ``free`` is among it where a free cell receives nothing.
+        """
+        data: dict[str, Any] = {
+            "gain_db": [[gain if isfinite(gain) else None for gain in row] for row in self.gain_db.tolist()],
+            "cell_size": float(self.grid.cell_size),
+            "origin": [float(metres) for metres in self.grid.origin],
+        }
+        return data if (self.free == np.isfinite(self.gain_db)).all() else {**data, "free": self.free.tolist()}
+
+    def feasible(self, target_db: float) -> NDArray[np.bool_]:
+        """The feasible map Pi of eq. (16): cells at or above the target, shape ``(X, Y)``."""
+        if np.isnan(target_db):
+            raise ValueError("target_db is NaN: it must be a number of dB")
+        return self.free & (self.gain_db >= target_db)
+
+    def save(self, path: str | Path) -> None:
+        """Write the map as an ``.npz`` file, atomically."""
+        arrays: dict[str, Any] = {
+            "format_version": np.int64(1),
+            "gain_db": self.gain_db,
+            "cell_size": np.float64(self.grid.cell_size),
+            "origin": np.array(self.grid.origin),
+        }
+        if not np.array_equal(self.free, np.isfinite(self.gain_db)):
+            arrays["free"] = self.free
+        content = BytesIO()
+        np.savez_compressed(content, **arrays)
+        write_file(Path(path), content.getvalue())
+
+    @classmethod
+    def load(cls, path: str | Path) -> "RadioMap":
+        """Map written by `save`; never unpickles.
+
+        Raises
+        ------
+        FileNotFoundError
+            Where there is no such file.
+        ValueError
+            Where the file is not such a map, or damaged; where it or its map is larger than the memory limit.
+        """
+        place = as_path(path, "radio_map")
+        try:
+            arrays = read_arrays(place, needed=("format_version", "gain_db", "cell_size", "origin"))
+            version = _scalar(arrays, "format_version")
+            if version != 1:
+                raise ValueError(f"its format_version is {version}, and 1 is read here")
+            return cls.from_array(
+                arrays["gain_db"], _scalar(arrays, "cell_size"), arrays["origin"].tolist(), arrays.get("free")
+            )
+        except ValueError as error:
+            raise ValueError(f"{str(place)!r} is not a radio map: {error}") from None
+
+
+def build_radio_map(
+    scene: Scene | str | Path = "paper",
+    cell_size: float = 0.5,
+    irs_elements: int | None = None,
+    phase_bits: int | None = None,
+    quantiser: Quantiser = "nearest",
+    array_model: ArrayModel = "far_field",
+) -> RadioMap:
+    """The exact expected channel gain of every cell (eq. 15, with the corrections of Lemma 1).
+
+    Parameters
+    ----------
+    scene
+        A scene, its name in the package, or the path of a scene file.
+    cell_size
+        Edge of a cell in metres; must divide both sides of the room.
+    irs_elements
+        Elements on each panel, the paper's M; 0 is its "without IRS". None: as the scene says (1,200 in ``"paper"``).
+    phase_bits, quantiser, array_model
+        See `irs_gym.radio.irs.Hardware`. ``phase_bits=None``: as the scene says (continuous phases in ``"paper"``).
+
+    Returns
+    -------
+    RadioMap
+        With ``gain_db`` of shape ``(X, Y)``, -inf in cells whose centre lies strictly inside an obstacle. With
+        several access points, each cell is served by the one that gives it the highest gain.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such scene.
+    ValueError
+        Where an argument is out of its range; the message names it.
+    """
+    scene = as_scene(scene).with_irs_elements(irs_elements)
+    hardware, grid = _hardware(scene, phase_bits, quantiser, array_model), scene.grid(cell_size)
+    width = _width(scene, hardware, needs_shifts=False)
+    _check_work(scene, grid, width)
+    gain_db = np.full(grid.shape, -np.inf)
+    for cells, positions in _blocks(scene, grid, width):
+        gains = np.max([channel(scene, ap, positions).expected_gain(hardware) for ap in scene.access_points], axis=0)
+        _check_gains(grid, cells, gains)
+        gain_db.flat[cells] = linear_to_db(gains)
+    return RadioMap(gain_db, grid=grid)
+
+
+def build_phase_shifts(
+    scene: Scene | str | Path = "paper",
+    cell_size: float = 0.5,
+    irs_elements: int | None = None,
+    phase_bits: int | None = None,
+    quantiser: Quantiser = "nearest",
+    array_model: ArrayModel = "far_field",
+) -> NDArray[np.float32]:
+    """The phase shift that each sub-surface holds while the robot is in a cell, in [0, 2 pi).
+
+    Same arguments as `build_radio_map`. Shape ``(X, Y, N)`` with N the sub-surfaces of all panels, panel after
+    panel, column after column; zero in obstacles. With several access points, the phases serve the cell's own.
+    """
+    scene = as_scene(scene).with_irs_elements(irs_elements)
+    hardware, grid = _hardware(scene, phase_bits, quantiser, array_model), scene.grid(cell_size)
+    subsurfaces, cells_in_all = sum(panel.subsurfaces for panel in scene.irs_panels), grid.shape[0] * grid.shape[1]
+    check_memory(
+        f"irs_elements: phase shifts of {subsurfaces} sub-surfaces in {cells_in_all} cells, at cell_size={cell_size},",
+        4.0 * subsurfaces * cells_in_all,
+    )
+    width = _width(scene, hardware, needs_shifts=True)
+    _check_work(scene, grid, width)
+    shifts = np.zeros((*grid.shape, subsurfaces), dtype=np.float32)
+    by_cell = shifts.reshape(cells_in_all, -1)
+    for cells, positions in _blocks(scene, grid, width):
+        channels = [channel(scene, ap, positions) for ap in scene.access_points]
+        serving = np.argmax([each.expected_gain(hardware) for each in channels], axis=0)
+        for n, each in enumerate(channels):
+            by_cell[cells[serving == n]] = each.phase_shifts(hardware)[serving == n]
+    return shifts
+
+
+def as_scene(scene: Scene | str | Path) -> Scene:
+    """The scene itself, or the one of that name or path."""
+    return scene if isinstance(scene, Scene) else load_scene(scene)
+
+
+def _scalar(arrays: dict[str, NDArray[Any]], name: str) -> Any:
+    if arrays[name].shape != () or arrays[name].dtype.kind not in "iuf":
+        raise ValueError(f"{name}={arrays[name].tolist()!r} must be a scalar, one number")
+    return arrays[name].item()
+
+
+def _hardware(scene: Scene, phase_bits: int | None, quantiser: Quantiser, array_model: ArrayModel) -> Hardware:
+    return Hardware(scene.phase_bits if phase_bits is None else phase_bits, quantiser, array_model)
+
+
+def _width(scene: Scene, hardware: Hardware, *, needs_shifts: bool) -> int:
+    """Complex entries for each cell: elements or sub-surfaces of the largest panel, 0 where sums need no array."""
+    is_spherical = hardware.array_model == "spherical"
+    if not (is_spherical or needs_shifts or hardware.levels is not None):
+        return 0
+    return max([p.elements if is_spherical else p.subsurfaces for p in scene.irs_panels], default=0)
+
+
+def _check_work(scene: Scene, grid: Grid, width: int) -> None:
+    """Refuse a map that would take too much memory or work; the ``ValueError`` names what makes it large."""
+    cells, block = grid.shape[0] * grid.shape[1], max(_BLOCK, width)
+    grid.check_memory(_CELL_BYTES)
+    links = len(scene.access_points) * (1 + len(scene.irs_panels))
+    entries = len(scene.access_points) * max(1, len(scene.irs_panels)) * width
+    check_memory(
+        f"irs_elements: {width} elements or sub-surfaces for each of {cells} cells, at cell_size={grid.cell_size},",
+        min(block, cells * width) * max(1, len(scene.irs_panels)) * _ENTRY_BYTES,
+        cells * entries * _ENTRY_BYTES,
+    )
+    check_memory(
+        f"cell_size={grid.cell_size}: {links} links past {len(scene.obstacles)} obstacles to each of {cells} cells",
+        0,
+        cells * links * (1 + len(scene.obstacles)) * _LINK_BYTES,
+    )
+
+
+def _check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
+    """Refuse gains that are no positive numbers: they would pass for obstacles."""
+    wrong = np.flatnonzero(~((gains > 0) & (gains < np.inf)))
+    if len(wrong):
+        i, j = divmod(int(cells[wrong[0]]), grid.shape[1])
+        what = "underflows to 0" if gains[wrong[0]] == 0 else f"is {gains[wrong[0]]}"
+        raise ValueError(
+            f"the expected gain in the free cell {(i, j)} {what}: path_loss, carrier_ghz, rician_factor_db or the size "
+            "of room and panels are beyond what numbers of 64 bits can hold"
+        )
+
+
+def _blocks(scene: Scene, grid: Grid, width: int) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+    """Free cells as flat indices ``(n,)`` and antenna positions ``(n, 3)``, block by block."""
+    floor = grid.centres().reshape(-1, 2)
+    free = np.flatnonzero(~is_in_footprint(floor, scene.boxes))
+    block = max(1, min(2**15, _BLOCK // width)) if width else 2**15
+    for first in range(0, len(free), block):
+        cells = free[first : first + block]
+        height = np.full((len(cells), 1), scene.antenna_height)
+        yield cells, np.concatenate([floor[cells], height], axis=1)

@@ -1,0 +1,377 @@
+"""`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated, loaded and saved."""
+
+import json
+from collections.abc import Mapping
+from importlib import resources
+from numbers import Integral
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from irs_gym.files import as_path, read_file, write_file
+from irs_gym.grid import Grid
+from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
+
+
+def _not_tiny(value: float) -> float:
+    if value < 1e-6:
+        raise ValueError("Input should be greater than or equal to 1e-06")
+    return value
+
+
+# Beyond these bounds no formula here means anything, and numbers of 64 bits overflow or lose micrometres.
+Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
+Length = Annotated[float, Field(gt=0, le=1e7)]
+Decibels = Annotated[float, Field(ge=-1000, le=1000)]
+Frequency = Annotated[float, Field(gt=0, le=1e6), AfterValidator(_not_tiny)]  # GHz
+Pitch = Annotated[float, Field(gt=0, le=1e6), AfterValidator(_not_tiny)]  # wavelengths
+Count = Annotated[int, Field(ge=1, le=10**9)]
+PhaseBits = Annotated[int, Field(ge=1, le=16)]
+Point2 = tuple[Metres, Metres]
+Point3 = tuple[Metres, Metres, Metres]
+Wall = Literal["x_min", "x_max", "y_min", "y_max"]
+
+TARGET_DB = -61.8  # the paper's, where nothing else is said
+MOST_ELEMENTS = 10**12  # of a panel
+_FILE_BYTES = 2**24  # of a scene file; that of a factory has a few thousand
+_MOST_TOLD = 10  # mistakes of one file
+
+
+class _Part(BaseModel):
+    """What every part of a scene is: frozen, of finite numbers, without unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Room(_Part):
+    """The rectangular floor and the ceiling, in metres; the floor is at z = 0."""
+
+    x_min: Metres
+    x_max: Metres
+    y_min: Metres
+    y_max: Metres
+    height: Length
+
+    @property
+    def lower(self) -> Point2:
+        """Lower left corner of the floor."""
+        return self.x_min, self.y_min
+
+    @property
+    def upper(self) -> Point2:
+        """Upper right corner of the floor."""
+        return self.x_max, self.y_max
+
+    @model_validator(mode="after")
+    def _has_an_area(self) -> Self:
+        if not (self.x_max > self.x_min and self.y_max > self.y_min):
+            raise ValueError("x_max must be greater than x_min, and y_max than y_min")
+        return self
+
+    def holds(self, point: Point2 | Point3) -> bool:
+        """Whether a point lies in the room, its walls included."""
+        height = point[2] if len(point) == 3 else 0.0
+        # a box flush with a wall may end a rounding error behind it
+        over = (self.x_min - point[0], point[0] - self.x_max, self.y_min - point[1], point[1] - self.y_max)
+        return max(*over, -height, height - self.height) <= TOUCH
+
+
+class Obstacle(_Part):
+    """A box on the floor that robots cannot enter and that blocks line of sight."""
+
+    center: Point2  # of its footprint
+    size: tuple[Length, Length, Length]  # along x, along y, height
+
+    @property
+    def lower(self) -> Point3:
+        """Lower corner in metres."""
+        return self.center[0] - self.size[0] / 2, self.center[1] - self.size[1] / 2, 0.0
+
+    @property
+    def upper(self) -> Point3:
+        """Upper corner in metres."""
+        return self.center[0] + self.size[0] / 2, self.center[1] + self.size[1] / 2, self.size[2]
+
+
+class AccessPoint(_Part):
+    """A single-antenna access point."""
+
+    position: Point3
+
+
+class IrsPanel(_Part):
+    """A reflecting surface on a wall: columns x rows of sub-surfaces, each of several elements.
+
+    All elements of a sub-surface share one phase shift. Columns run along the wall, rows along z; the panel
+    is centred on `position`.
+    """
+
+    position: Point3
+    wall: Wall
+    columns: Count
+    rows: Count
+    elements_per_subsurface: tuple[Count, Count]  # along the wall, along z
+    pitch_wavelengths: Pitch  # between neighbouring elements, both ways
+
+    @model_validator(mode="after")
+    def _can_be_counted(self) -> Self:
+        if self.elements > MOST_ELEMENTS:
+            raise ValueError(
+                f"columns, rows and elements_per_subsurface make {self.elements} elements, not at most 1e12"
+            )
+        return self
+
+    @property
+    def elements_per_row(self) -> int:
+        """Elements in one row of sub-surfaces."""
+        along, up = self.elements_per_subsurface
+        return self.columns * along * up
+
+    @property
+    def elements(self) -> int:
+        """Number of elements, the paper's M."""
+        return self.rows * self.elements_per_row
+
+    @property
+    def subsurfaces(self) -> int:
+        """Number of sub-surfaces, the paper's N."""
+        return self.columns * self.rows
+
+    @property
+    def along_wall(self) -> NDArray[np.float64]:
+        """Unit vector ``(3,)`` of the columns."""
+        return np.array([0.0, 1.0, 0.0] if self.wall.startswith("x") else [1.0, 0.0, 0.0])
+
+
+class PathLossCoefficients(_Part):
+    """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), all in dB."""
+
+    intercept_db: Decibels
+    distance_slope_db: Decibels
+    frequency_slope_db: Decibels
+
+    def loss_db(self, distance_m: Any, carrier_ghz: float) -> Any:
+        """Path loss in dB over distances in metres, of any shape."""
+        return (
+            self.intercept_db
+            + self.distance_slope_db * np.log10(distance_m)
+            + self.frequency_slope_db * np.log10(carrier_ghz)
+        )
+
+
+class PathLoss(_Part):
+    """Coefficients with and without line of sight (3GPP TR 38.901, table 7.4.1-1, InF-SH in the paper)."""
+
+    line_of_sight: PathLossCoefficients
+    non_line_of_sight: PathLossCoefficients
+
+
+class Scene(_Part):
+    """A factory and the task in it. Lengths in metres, z = 0 on the floor.
+
+    Any mistake raises a ``ValueError`` that names the field.
+    """
+
+    format_version: Literal[1] = 1
+    name: str
+    room: Room
+    obstacles: Annotated[tuple[Obstacle, ...], Field(max_length=10_000)]
+    access_points: Annotated[tuple[AccessPoint, ...], Field(min_length=1, max_length=1000)]
+    irs_panels: Annotated[tuple[IrsPanel, ...], Field(max_length=1000)]
+    antenna_height: Length
+    start: Point2
+    goal: Point2
+    carrier_ghz: Frequency
+    rician_factor_db: Decibels
+    path_loss: PathLoss
+    target_db: float = TARGET_DB  # lowest expected channel gain that keeps the robot connected
+    phase_bits: PhaseBits | None = None  # resolution of all panels' phase shifters; None for continuous phases
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        mistakes = [*self._misplaced_parts(), *self._misplaced_ends()]
+        if mistakes:
+            raise ValueError("; ".join(mistakes))
+        return self
+
+    def _misplaced_parts(self) -> list[str]:
+        room, mistakes = self.room, []
+        for n, box in enumerate(self.obstacles):
+            if not (room.holds(box.lower) and room.holds(box.upper)):
+                mistakes.append(f"obstacles[{n}] reaches from {box.lower} to {box.upper}, outside the room")
+        for n, point in enumerate(self.access_points):
+            if not room.holds(point.position):
+                mistakes.append(f"access_points[{n}].position={point.position} lies outside the room")
+        for n, panel in enumerate(self.irs_panels):
+            where, wall = panel.position["xy".index(panel.wall[0])], getattr(room, panel.wall)
+            if not room.holds(panel.position) or abs(where - wall) > TOUCH:
+                mistakes.append(
+                    f"irs_panels[{n}].position={panel.position} must lie on its wall, {panel.wall[0]} = {wall}"
+                )
+            mistakes += self._too_near(n, panel)
+        if not self.antenna_height <= room.height:
+            mistakes.append(f"antenna_height={self.antenna_height} exceeds the room's height {room.height}")
+        return mistakes
+
+    def _too_near(self, n: int, panel: IrsPanel) -> list[str]:
+        """What to say of a panel that is so near to an access point that path loss would be a gain."""
+        apart = np.array([point.position for point in self.access_points]) - panel.position
+        nearest = float(np.sqrt((apart**2).sum(axis=1)).min())
+        if nearest <= TOUCH:
+            return [f"irs_panels[{n}].position={panel.position} coincides with an access point"]
+        loss_db = float(self.path_loss.line_of_sight.loss_db(nearest, self.carrier_ghz))
+        if loss_db >= 0:
+            return []
+        return [
+            f"irs_panels[{n}].position={panel.position} is {nearest:.3g} m from an access point: path_loss there is "
+            f"{loss_db:.4g} dB, and no passive link has one below 0"
+        ]
+
+    def _misplaced_ends(self) -> list[str]:
+        mistakes = []
+        for field in ("start", "goal"):
+            point = getattr(self, field)
+            if not self.room.holds(point):
+                mistakes.append(f"{field}={point} lies outside the room {self.room.lower} to {self.room.upper}")
+            elif is_in_footprint(np.array(point), self.boxes):
+                mistakes.append(f"{field}={point} lies inside an obstacle")
+        if self.start == self.goal:
+            mistakes.append(f"goal={self.goal} must differ from start")
+        return mistakes
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> "Scene":
+        """Scene of what a scene file holds, as `to_data` gives it; a ``ValueError`` names each field at fault."""
+        try:
+            return cls.model_validate_json(json.dumps(dict(data)), strict=True)
+        except ValidationError as error:
+            raise ValueError(f"scene: {_in_one_line(error)}") from None
+        except TypeError as error:
+            raise ValueError(f"scene holds what JSON cannot: {error}") from None
+
+    def to_data(self) -> dict[str, Any]:
+        """What a scene file holds: numbers, strings, lists and dicts."""
+        return self.model_dump(mode="json")
+
+    @property
+    def boxes(self) -> Boxes:
+        """The obstacles as arrays."""
+        corners = [(box.lower, box.upper) for box in self.obstacles]
+        both = np.array(corners, dtype=np.float64).reshape(-1, 2, 3)
+        return Boxes(both[:, 0], both[:, 1])
+
+    def grid(self, cell_size: float) -> Grid:
+        """Grid over the floor; raises ``ValueError`` where ``cell_size`` (metres) does not divide the room."""
+        return Grid.tile(self.room.lower, self.room.upper, cell_size)
+
+    def with_irs_elements(self, irs_elements: int | None) -> "Scene":
+        """The scene with ``irs_elements`` elements on each panel: its rows grow or shrink.
+
+        0 removes the panels (the paper's "without IRS"); None keeps them as they are.
+
+        Raises
+        ------
+        ValueError
+            Where the elements are no whole number or more than any panel has, do not fill whole rows of sub-surfaces,
+            or the scene has no panel to put them on.
+        """
+        if irs_elements is None:
+            return self
+        if isinstance(irs_elements, bool) or not isinstance(irs_elements, Integral):
+            raise ValueError(f"irs_elements={irs_elements!r} must be a whole number of elements, or None")
+        elements = int(irs_elements)
+        if elements > MOST_ELEMENTS:
+            raise ValueError(f"irs_elements={elements} is more than the {MOST_ELEMENTS} that a panel may have")
+        if elements == 0:
+            return self.model_copy(update={"irs_panels": ()})
+        if not self.irs_panels:
+            raise ValueError(f"irs_elements={elements} needs an IRS panel, and scene {self.name!r} lists none")
+        panels = tuple(_with_elements(panel, elements) for panel in self.irs_panels)
+        return self.model_copy(update={"irs_panels": panels})
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene as JSON, atomically."""
+        write_file(Path(path), (self.model_dump_json(indent=2) + "\n").encode())
+
+
+def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:
+    step = panel.elements_per_row
+    rows, rest = divmod(elements, step)
+    if rest or rows < 1:
+        below, above = max(rows, 0) * step, (max(rows, 0) + 1) * step
+        raise ValueError(
+            f"irs_elements={elements} does not fill whole rows of sub-surfaces: a row of {panel.columns} sub-surfaces "
+            f"of {step // panel.columns} elements takes {step}, so {below} or {above} would fit"
+        )
+    return panel.model_copy(update={"rows": rows})
+
+
+def scene_names() -> list[str]:
+    """Names of the scenes in the package."""
+    files = resources.files("irs_gym").joinpath("scenes").iterdir()
+    return sorted(file.name.removesuffix(".json") for file in files if file.name.endswith(".json"))
+
+
+def load_scene(source: str | Path) -> Scene:
+    """Scene of the package by its name (``"paper"``), or from a JSON file by its path.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is neither such a scene nor such a file.
+    ValueError
+        Where the file is not a valid scene; the message names each field at fault.
+    """
+    place = as_path(source, "scene")
+    if source in scene_names():
+        text = resources.files("irs_gym").joinpath("scenes", f"{source}.json").read_bytes()
+    elif place.is_file():
+        text = read_file(place, _FILE_BYTES)
+    else:
+        raise FileNotFoundError(f"scene={str(source)!r} is neither a file nor one of the scenes {scene_names()}")
+    try:
+        return Scene.model_validate_json(text, strict=True)
+    except ValidationError as error:
+        raise ValueError(f"scene {str(source)!r}: {_in_one_line(error)}") from None
+
+
+def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
+    """The scene files of a folder in the order of their names, each a scene named by its file.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such folder.
+    ValueError
+        Where there is no scene file in it, or one is not a valid scene; the message names the file.
+    """
+    place = as_path(folder, "scenes")
+    if not place.is_dir():
+        raise FileNotFoundError(f"scenes={str(folder)!r} is no folder of scene files")
+    files = sorted(place.glob("*.json"))
+    if not files:
+        raise ValueError(f"scenes={str(folder)!r} holds no scene file (*.json)")
+    return tuple(load_scene(file).model_copy(update={"name": file.stem}) for file in files)
+
+
+def _in_one_line(error: ValidationError) -> str:
+    mistakes = []
+    for mistake in error.errors(include_url=False)[:_MOST_TOLD]:
+        field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]).lstrip(".")
+        is_whole_part = mistake["type"] == "missing" or not field
+        given = "" if is_whole_part else f" (got {_shortened(mistake['input'])})"
+        said = mistake["msg"].removeprefix("Value error, ")
+        mistakes.append(f"{field}: {said}{given}" if field else said)
+    more = error.error_count() - len(mistakes)
+    return "; ".join([*mistakes, f"and {more} more mistakes"] if more else mistakes)
+
+
+def _shortened(value: Any) -> str:
+    try:
+        said = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        return "a number of thousands of digits"
+    return said if len(said) <= 200 else f"{said[:200]}..."

@@ -1,0 +1,30 @@
+"""`view_of`: the `View` of an episode; `RENDERERS`: what each render mode makes of it."""
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+from irs_gym.grid import Cell
+from irs_gym.mdp.dynamics import tabulate
+from irs_gym.mdp.task import World
+from irs_gym.oracle.shortest_path import descend
+from irs_gym.rendering import View, draw, text
+
+RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {"rgb_array": draw, "ansi": text}
+
+
+@lru_cache(maxsize=32)
+def view_of(world: World, start: Cell, goal: Cell) -> View:
+    """What a picture of an episode shows besides the robot's trail; kept, so that it is drawn once."""
+    scene, radio_map = world.scene, world.radio_map
+    return View(
+        gain_db=radio_map.gain_db,
+        target_db=world.target_db,
+        grid=radio_map.grid,
+        access_points=tuple(each.position[:2] for each in scene.access_points) if scene else (),
+        irs_panels=tuple(each.position[:2] for each in scene.irs_panels) if scene else (),
+        start=start,
+        goal=goal,
+        free=radio_map.free,
+        oracle_cells=descend(tabulate(world, goal).distance_to_go, start, radio_map.grid.cell_size).cells,
+    )

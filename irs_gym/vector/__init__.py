@@ -1,0 +1,1 @@
+"""The rules for many robots at once, over one scene or many."""

@@ -1,0 +1,288 @@
+"""`VectorEpisodes`: the episodes of n robots, with autoreset: what is the same for all vector environments."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from irs_gym.grid import Cell
+from irs_gym.mdp.autoreset import AutoresetMode
+from irs_gym.mdp.checks import checked_actions
+from irs_gym.mdp.path_history import PathHistory
+from irs_gym.mdp.snapshot import Snapshot
+from irs_gym.mdp.task import World
+from irs_gym.rendering.episode_view import RENDERERS, view_of
+from irs_gym.vector.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
+from irs_gym.vector.protocols import EpisodeSampler, Outcome
+
+
+class VectorEpisodes:
+    """What `reset`, `step` and the other methods of a vector environment do; see `IrsNavVectorEnv`."""
+
+    def __init__(
+        self,
+        sampler: EpisodeSampler,
+        num_envs: int,
+        max_episode_steps: int,
+        mode: AutoresetMode,
+        copy: bool,
+        infos: Infos,
+    ) -> None:
+        """n robots whose episodes a sampler begins; see `IrsNavVectorEnv` for the other arguments."""
+        n = num_envs
+        self.num_envs = n
+        self.max_episode_steps = max_episode_steps
+        self.mode = mode
+        self.copy = copy
+        self._sampler = sampler
+        keys = checked_keys(infos, [key for key in sampler.info_values if key not in KEYS])
+        self._infos = InfoBuilder(sampler.info_values, keys)
+        self._tells_refusals = not {"refused", "is_refused"}.isdisjoint(keys)
+
+        # the episode of each robot
+        self._states = np.zeros(n, dtype=np.int64)
+        self._distance = np.zeros(n)  # metres
+        self._refused = np.zeros(n, dtype=np.int64)
+        self._oracle_distance = np.zeros(n)  # metres
+        self._has_violated = np.zeros(n, dtype=bool)
+        self._has_ended = np.zeros(n, dtype=bool)  # and has not begun anew
+        self._num_ended = 0
+        self._just_ended = np.zeros(n, dtype=bool)  # at the latest step
+        self._history = PathHistory(n, max_episode_steps, sampler.map_shape, sampler.num_maps)
+
+        # time, in steps of all robots
+        self._clock = 0
+        self._deadline = np.zeros(n, dtype=np.int64)  # at which each is truncated
+        self._first_deadline = 0
+
+        self._rngs: list[np.random.Generator | None] = [None] * n
+        self._is_reset = False
+        self._buffer = np.empty((n, sampler.packing.width), dtype=np.float32)
+
+    def reset(self, seeds: Sequence[int | None] | None, options: dict[str, Any] | None) -> tuple[Any, dict[str, Any]]:
+        """Start an episode everywhere, or in the environments of ``options["reset_mask"]``."""
+        options = dict(options or {})
+        mask = self._checked_mask(options.pop("reset_mask", None))
+        chosen = np.flatnonzero(mask)
+        if seeds is not None:
+            self._seed(seeds, chosen)
+
+        self._begin(chosen, options)
+        self._is_reset = True
+        self._just_ended = np.zeros(self.num_envs, dtype=bool)
+
+        step = self._opening()
+        infos = self._infos.everywhere(step) if mask.all() else self._infos.of(step, chosen)
+        return self._observe(), infos
+
+    def step(
+        self, actions: Any
+    ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Move every robot once."""
+        self._check_running()
+        checked = checked_actions(actions, self.num_envs)
+        self._clock += 1
+
+        # autoreset in the next step: robots that have ended begin anew in place of a move
+        resumed = np.flatnonzero(self._has_ended) if self._num_ended else None
+        if resumed is not None:
+            self._begin(resumed, {})
+        before = self._states
+        outcome = self._sampler.ground.move(before, checked)
+        if resumed is not None:
+            outcome.clear(resumed, before[resumed])
+
+        # add up
+        self._states = outcome.states
+        self._distance += outcome.moved
+        is_refused = None
+        if self._tells_refusals:
+            is_refused = outcome.states == before  # a move that is not refused leads to another cell
+            if resumed is not None:
+                is_refused[resumed] = False
+            self._refused += is_refused
+        self._history.advance(self._sampler.ground.cells(outcome.states), self._clock)
+        is_success = self._judge(outcome)
+
+        # end
+        truncated = self._truncated()
+        self._has_ended = outcome.is_terminated | truncated
+        self._num_ended = int(np.count_nonzero(self._has_ended))
+        self._just_ended = self._has_ended
+
+        step = self._step(is_refused, outcome.cost, is_success)
+        if self._num_ended and self.mode is AutoresetMode.SAME_STEP:
+            infos = self._end(step, np.flatnonzero(self._has_ended))
+        else:
+            infos = self._infos.everywhere(step)
+        return self._observe(), outcome.reward, outcome.is_terminated, truncated, infos
+
+    def paths(self) -> list[list[Cell]]:
+        """Cells (i, j) of each robot's episode, refused moves left out.
+
+        Where an episode ended at the latest step, they are its cells, whether or not the robot has begun anew.
+        """
+        has_begun_anew = self._just_ended & ~self._has_ended
+        return [self._history.path(i, of_last_episode=has_begun_anew[i]) for i in range(self.num_envs)]
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which actions are not refused, bool ``(n, 8)``."""
+        return self._sampler.ground.action_mask(self._states).astype(bool)
+
+    def render(self, mode: str | None) -> tuple[Any, ...] | None:
+        """A picture or text for each robot; None without a mode."""
+        return None if mode is None else tuple(self._picture(i, mode) for i in range(self.num_envs))
+
+    def scene_and_goal(self, i: int) -> tuple[World, Cell]:
+        """World and goal of robot i."""
+        return self._sampler.scene_and_goal(self._states, i)
+
+    def snapshot(self, i: int) -> tuple[Snapshot, list[Cell]]:
+        """Where the episode of robot i stands, and its path so far."""
+        world, goal = self.scene_and_goal(i)
+        path = self._history.path(i)
+        if not self._is_reset:  # as a single environment does: where the world's own episode would begin
+            goal = world.goal
+            path = [world.start]
+        start, cell, end = np.ravel_multi_index(np.array([path[0], path[-1], goal]).T, world.feasible.shape).tolist()
+        snapshot = Snapshot(
+            rules=world.fingerprint,
+            scene=self._sampler.scene_number(self._states, i),
+            start=start,
+            goal=end,
+            cell=cell,
+            distance=float(self._distance[i]),
+            refused=self._history.steps(i) - (len(path) - 1),
+            has_violated=bool(self._has_violated[i]),
+            is_running=self._is_reset and not self._has_ended[i],
+        )
+        return snapshot, path
+
+    # --- episodes ---------------------------------------------------------------------------------------------------
+
+    def _begin(self, chosen: NDArray[np.int64], options: dict[str, Any]) -> None:
+        """Start an episode for the chosen robots."""
+        self._states = self._sampler.begin(self._states, chosen, options, self._rng)
+        ground = self._sampler.ground
+        begun = self._states[chosen]
+
+        self._distance[chosen] = 0.0
+        self._refused[chosen] = 0
+        self._oracle_distance[chosen] = ground.distance_to_go(begun)
+        self._has_violated[chosen] = False
+        self._history.begin(chosen, ground.cells(begun), self._clock)
+
+        has_ended = self._has_ended.copy()  # not in place: the last step's flags are told apart from it
+        has_ended[chosen] = False
+        self._has_ended = has_ended
+        self._num_ended = int(np.count_nonzero(has_ended))
+        self._deadline[chosen] = self._clock + self.max_episode_steps
+        self._first_deadline = int(self._deadline.min())
+
+    def _judge(self, outcome: Outcome) -> NDArray[np.bool_]:
+        """Whether the step reaches the goal of an episode without violations."""
+        if outcome.cost is None:
+            return outcome.is_at_goal.copy()  # which may be the flags of the ends as well
+        if self._sampler.is_violable:
+            self._has_violated |= outcome.cost > 0
+        return outcome.is_at_goal & ~self._has_violated
+
+    def _truncated(self) -> NDArray[np.bool_]:
+        """Which episodes are at their step limit."""
+        if self._clock < self._first_deadline:
+            return np.zeros(self.num_envs, dtype=bool)
+        return self._deadline <= self._clock
+
+    def _end(self, step: Step, ended: NDArray[np.int64]) -> dict[str, Any]:
+        """Begin anew where episodes ended; infos of the new ones, and of the last step of the old ones."""
+        packing = self._sampler.packing
+        final_rows = np.empty((len(ended), packing.width), dtype=np.float32)
+        final_rows = self._sampler.ground.observe(self._states[ended], final_rows)
+        final = {
+            "final_obs": _objects(self.num_envs, ended, map(packing.unpack, final_rows)),
+            "_final_obs": self._just_ended.copy(),
+            "final_info": self._infos.of(step, ended),
+            "_final_info": self._just_ended.copy(),
+        }
+
+        self._begin(ended, {})
+        for each in (step.is_refused, step.cost):
+            if each is not None:
+                each[ended] = 0
+        is_success = step.is_success & ~self._just_ended
+        return {**self._infos.everywhere(self._step(step.is_refused, step.cost, is_success)), **final}
+
+    def _rng(self, i: int) -> np.random.Generator:
+        rng = self._rngs[i]
+        if rng is None:
+            rng = self._rngs[i] = seeding.np_random()[0]
+        return rng
+
+    def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.int64]) -> None:
+        if self._sampler.is_random:  # the only use of randomness
+            for i in chosen:
+                if seeds[i] is not None:
+                    self._rngs[i] = seeding.np_random(seeds[i])[0]
+
+    # --- what is returned -------------------------------------------------------------------------------------------
+
+    def _observe(self) -> Any:
+        out = np.empty_like(self._buffer) if self.copy else self._buffer
+        return self._sampler.packing.unpack(self._sampler.ground.observe(self._states, out))
+
+    def _opening(self) -> Step:
+        """As after a step in which nothing happened."""
+        return self._step(None, None, np.zeros(self.num_envs, dtype=bool))
+
+    def _step(
+        self, is_refused: NDArray[np.bool_] | None, cost: NDArray[np.float64] | None, is_success: NDArray[np.bool_]
+    ) -> Step:
+        return Step(
+            self._sampler.ground,
+            self._states,
+            self._distance,
+            self._refused,
+            self._oracle_distance,
+            is_refused,
+            cost,
+            is_success,
+        )
+
+    def _picture(self, i: int, mode: str) -> Any:
+        world, goal = self.scene_and_goal(i)
+        if not self._is_reset:  # as a single environment does: where the world's own episode would begin
+            return RENDERERS[mode](view_of(world, world.start, world.goal), [world.start])
+        path = self._history.path(i)
+        return RENDERERS[mode](view_of(world, path[0], goal), path)
+
+    # --- what is accepted -------------------------------------------------------------------------------------------
+
+    def _check_running(self) -> None:
+        if not self._is_reset:
+            raise ResetNeeded("no episode has begun: call reset() before step()")
+        if self._num_ended and self.mode is AutoresetMode.DISABLED:
+            raise ResetNeeded(
+                f"environments {np.flatnonzero(self._has_ended).tolist()} have ended: reset them with "
+                "options={'reset_mask': ...} before step()"
+            )
+
+    def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
+        if mask is None:
+            return np.ones(self.num_envs, dtype=bool)
+        chosen: NDArray[np.bool_] = np.asarray(mask)
+        if chosen.shape != (self.num_envs,) or chosen.dtype != bool or not chosen.any():
+            raise ValueError(f"reset_mask must hold {self.num_envs} bools, at least one of them True")
+        if not self._is_reset and not chosen.all():
+            raise ResetNeeded("the first reset must be of all environments: leave reset_mask out")
+        return chosen
+
+
+def _objects(count: int, chosen: NDArray[np.int64], objects: Iterable[Any]) -> NDArray[Any]:
+    """An array ``(count,)`` of the objects of the chosen robots, and None elsewhere."""
+    array = np.full(count, None, dtype=object)
+    for i, each in zip(chosen.tolist(), objects, strict=True):
+        array[i] = each
+    return array

@@ -1,0 +1,152 @@
+"""The infos: their keys, and their values for many robots at once, as plain dicts of arrays."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.mdp.metrics import spl
+from irs_gym.vector.protocols import Ground
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+
+class Step(NamedTuple):
+    """What the infos after a step, or a reset, are made of: arrays ``(n,)``."""
+
+    ground: Ground
+    states: NDArray[np.int64]
+    # of the episode so far; the environment goes on adding to them
+    distance: Floats  # metres
+    refused: NDArray[np.int64]
+    oracle_distance: Floats  # metres
+    # of this step alone
+    is_refused: Bools | None  # None where none is
+    cost: Floats | None  # None where it is always 0
+    is_success: Bools
+
+    def of(self, chosen: NDArray[np.int64]) -> "Step":
+        """The same for some of the robots."""
+        arrays = (None if each is None else each[chosen] for each in self[1:])
+        return Step(self.ground, *arrays)  # type: ignore[arg-type]
+
+
+Values = Mapping[str, Callable[[Step], NDArray[Any]]]
+
+
+def _distance(step: Step) -> Floats:
+    return step.distance.copy()
+
+
+def _refused(step: Step) -> NDArray[np.int64]:
+    return step.refused.copy()
+
+
+def _distance_to_go(step: Step) -> Floats:
+    return step.ground.distance_to_go(step.states)
+
+
+def _gain_db(step: Step) -> Floats:
+    return step.ground.gain_db(step.states)
+
+
+def _margin_db(step: Step) -> Floats:
+    return step.ground.margin_db(step.states)
+
+
+def _action_mask(step: Step) -> NDArray[np.int8]:
+    return step.ground.action_mask(step.states)
+
+
+def _is_refused(step: Step) -> Bools:
+    return np.zeros(len(step.states), dtype=bool) if step.is_refused is None else step.is_refused
+
+
+def _cost(step: Step) -> Floats:
+    return np.zeros(len(step.states)) if step.cost is None else step.cost
+
+
+def _is_success(step: Step) -> Bools:
+    return step.is_success
+
+
+def _spl(step: Step) -> Floats:
+    if not np.count_nonzero(step.is_success):  # as nearly always
+        return np.zeros(len(step.states))
+    return spl(step.is_success, step.oracle_distance, step.distance)
+
+
+def _oracle_distance(step: Step) -> Floats:
+    return step.oracle_distance.copy()
+
+
+# One set of keys: at a reset, midway and at the end, in the single environment too. Each array is a fresh one.
+VALUES: Values = {
+    "distance": _distance,
+    "refused": _refused,
+    "distance_to_go": _distance_to_go,
+    "gain_db": _gain_db,
+    "margin_db": _margin_db,
+    "action_mask": _action_mask,
+    "is_refused": _is_refused,
+    "cost": _cost,
+    "is_success": _is_success,
+    "spl": _spl,
+    "oracle_distance": _oracle_distance,
+}
+KEYS = tuple(VALUES)
+SLOW = ("refused", "is_refused", "distance_to_go", "gain_db")  # with them, a step of a vector takes a third longer
+
+Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
+
+
+def checked_keys(infos: Infos, more: Sequence[str] = ()) -> tuple[str, ...]:
+    """Keys that a user asks for, in one order: of `KEYS` and those of the environment beside them.
+
+    ``"fast"`` stands for all but the `SLOW`. Raises ``ValueError`` for what are no known keys.
+    """
+    known = (*KEYS, *more)
+    if isinstance(infos, str) and infos in ("all", "fast"):
+        return tuple(key for key in known if infos == "all" or key not in SLOW)
+    is_list = isinstance(infos, Sequence) and not isinstance(infos, str)
+    if not is_list or not all(key in known for key in infos):
+        raise ValueError(f"infos={infos!r} must be 'all', 'fast', or a list of some of {', '.join(known)}")
+    return tuple(key for key in known if key in infos)
+
+
+class InfoBuilder:
+    """Makes the infos of a vector environment: for each key an array ``(n, ...)``, and a mask ``_key`` ``(n,)``."""
+
+    def __init__(self, values: Values, keys: Sequence[str]) -> None:
+        """Infos with some of the keys that there are values for."""
+        self._entries = [(key, f"_{key}", values[key]) for key in keys]
+
+    def everywhere(self, step: Step) -> dict[str, Any]:
+        """Infos of all environments."""
+        has_key = np.ones(len(step.states), dtype=bool)  # one for all keys, since nobody writes to masks
+        infos: dict[str, Any] = {}
+        for key, mask, value in self._entries:
+            infos[key] = value(step)
+            infos[mask] = has_key
+        return infos
+
+    def of(self, step: Step, chosen: NDArray[np.int64]) -> dict[str, Any]:
+        """Infos of the chosen environments, and zero (or None) for all others."""
+        has_key = np.zeros(len(step.states), dtype=bool)
+        has_key[chosen] = True
+        some = step.of(chosen)
+        infos: dict[str, Any] = {}
+        for key, mask, value in self._entries:
+            infos[key] = spread(value(some), chosen, len(step.states))
+            infos[mask] = has_key
+        return infos
+
+
+def spread(values: NDArray[Any], chosen: NDArray[np.int64], count: int) -> NDArray[Any]:
+    """An array ``(count, ...)`` with the values of the chosen environments, and zero (or None) elsewhere."""
+    blank = None if values.dtype == object else 0
+    array = np.full((count, *values.shape[1:]), blank, dtype=values.dtype)
+    array[chosen] = values
+    return array

@@ -1,0 +1,110 @@
+"""`Stack`: the tables of several goals one behind the other, packed for gathers over many robots."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.grid import Cell
+from irs_gym.mdp.dynamics import ACTIONS, tabulate
+from irs_gym.mdp.observation import build_observer
+from irs_gym.mdp.task import World
+from irs_gym.memory import freeze
+from irs_gym.vector.protocols import Outcome, States
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """The ground of one world. A state is a flat cell plus ``X * Y`` times the number of its goal. S states, 8 actions.
+
+    What each method gives for states is described in `irs_gym.vector.protocols.Ground`.
+    """
+
+    world: World
+    goals: tuple[Cell, ...]
+    next_state: NDArray[np.int64]  # (S * 8,)
+    reward: NDArray[np.float64]  # (S * 8,)
+    moved: NDArray[np.float64]  # (S * 8,): metres really travelled
+    cost: NDArray[np.float64] | None  # (S * 8,), None where it is always 0
+    is_terminated: NDArray[np.bool_]  # (S * 8,)
+    is_at_goal: NDArray[np.bool_]  # (S * 8,)
+    mask: NDArray[np.int8]  # (S, 8)
+    to_go: NDArray[np.float64]  # (S,)
+    gain: NDArray[np.float64]  # (S,)
+    margin: NDArray[np.float64]  # (S,)
+    observations: NDArray[np.float32] | None  # (S, D), where it is small enough to keep
+
+    def __post_init__(self) -> None:
+        freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
+
+    def first_state(self, goal: Cell) -> int:
+        """State of the cell (0, 0) for a goal."""
+        return self.goals.index(goal) * self.world.feasible.size
+
+    def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:  # noqa: D102
+        entry = states * ACTIONS
+        entry += actions
+        terminated = self.is_terminated.take(entry)
+        # where moves are refused, only the goal ends an episode
+        is_refusing = self.cost is None
+        return Outcome(
+            self.next_state.take(entry),
+            self.reward.take(entry),
+            self.moved.take(entry),
+            terminated,
+            None if self.cost is None else self.cost.take(entry),
+            terminated if is_refusing else self.is_at_goal.take(entry),
+        )
+
+    def observe(self, states: States, out: NDArray[np.float32]) -> NDArray[np.float32]:  # noqa: D102
+        if self.observations is not None:
+            # "clip" is the fast mode of a gather into an array; states come from the tables and are in range
+            return self.observations.take(states, axis=0, out=out, mode="clip")
+        numbers, cells = np.divmod(states, self.world.feasible.size)
+        for number, goal in enumerate(self.goals):
+            here = numbers == number
+            rows = np.empty((int(np.count_nonzero(here)), out.shape[1]), dtype=np.float32)
+            out[here] = build_observer(self.world, goal).rows(cells[here], rows)
+        return out
+
+    def cells(self, states: States) -> States:  # noqa: D102
+        return states % self.world.feasible.size if len(self.goals) > 1 else states
+
+    def distance_to_go(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+        return self.to_go.take(states)
+
+    def gain_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+        return self.gain.take(states)
+
+    def margin_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+        return self.margin.take(states)
+
+    def action_mask(self, states: States) -> NDArray[np.int8]:  # noqa: D102
+        return self.mask.take(states, axis=0)
+
+
+def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
+    """Stack of a world for the goals; a goal that was used before costs no run of Dijkstra."""
+    tables = [tabulate(world, goal) for goal in goals]
+    observed = [build_observer(world, goal).table for goal in goals]
+    size = world.feasible.size
+    return Stack(
+        world=world,
+        goals=goals,
+        next_state=_join([each.transition["next_cell"] + n * size for n, each in enumerate(tables)]),
+        reward=_join([each.transition["reward"] for each in tables]),
+        moved=_join([each.transition["moved"] for each in tables]),
+        cost=None if world.task.constraint == "refuse" else _join([each.transition["cost"] for each in tables]),
+        is_terminated=_join([each.transition["is_terminated"] for each in tables]),
+        is_at_goal=_join([each.transition["is_at_goal"] for each in tables]),
+        mask=_join([each.action_mask for each in tables]),
+        to_go=_join([each.cell["distance_to_go"] for each in tables]),
+        gain=_join([each.cell["gain_db"] for each in tables]),
+        margin=_join([each.cell["margin_db"] for each in tables]),
+        observations=None if any(each is None for each in observed) else _join(observed),
+    )
+
+
+def _join(parts: list[Any]) -> Any:
+    return np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts)

@@ -1,0 +1,86 @@
+"""`Ground` and `EpisodeSampler`: what a fleet of robots moves over, and who sends its robots on their way."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.grid import Cell
+from irs_gym.mdp.observation import Packing, Rows
+from irs_gym.mdp.task import World
+
+States = NDArray[
+    np.int64
+]  # (n,), where robots are and where they want to go, as a number whose meaning is the ground's
+RngOf = Callable[[int], np.random.Generator]  # the randomness of environment i
+
+
+class Outcome(NamedTuple):
+    """What a move of n robots does, arrays ``(n,)`` that nothing else holds on to."""
+
+    states: States
+    reward: NDArray[np.float64]  # metres
+    moved: NDArray[np.float64]  # metres really travelled
+    is_terminated: NDArray[np.bool_]
+    cost: NDArray[np.float64] | None  # None where it is always 0
+    is_at_goal: NDArray[np.bool_]
+
+    def clear(self, chosen: NDArray[np.int64], states: States) -> None:
+        """Nothing but to be in the given states for the chosen robots: they have just begun."""
+        self.states[chosen] = states
+        for array in self[1:]:
+            if array is not None:
+                array[chosen] = 0
+
+
+class Ground(Protocol):
+    """The rules and the maps for states; frozen. What a method returns is the caller's own."""
+
+    def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:
+        """What actions do in states."""
+
+    def observe(self, states: States, out: Rows) -> Rows:
+        """Packed observations, written to ``out`` (n, D)."""
+
+    def cells(self, states: States) -> NDArray[np.int64]:
+        """Flat cells; where there are several maps, they lie one above the other."""
+
+    def distance_to_go(self, states: States) -> NDArray[np.float64]:
+        """Metres to the goal."""
+
+    def gain_db(self, states: States) -> NDArray[np.float64]:
+        """Expected channel gains in dB."""
+
+    def margin_db(self, states: States) -> NDArray[np.float64]:
+        """Gains over the target in dB."""
+
+    def action_mask(self, states: States) -> NDArray[np.int8]:
+        """1 where an action is not refused, ``(n, 8)``."""
+
+
+class EpisodeSampler(Protocol):
+    """Who starts episodes, and what all of them share."""
+
+    packing: Packing
+    is_random: bool  # whether it draws
+    is_violable: bool  # whether cells below the target can be entered
+    map_shape: tuple[int, int]  # of the maps that `Ground.cells` counts through
+    num_maps: int
+
+    @property
+    def ground(self) -> Ground:
+        """What the robots move over now."""
+
+    @property
+    def info_values(self) -> Mapping[str, Callable[[Any], NDArray[Any]]]:
+        """How each key of the infos is computed from an `irs_gym.vector.infos.Step`."""
+
+    def begin(self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf) -> States:
+        """States in which the chosen robots begin anew and the others stay where they are; in memory of their own."""
+
+    def scene_number(self, states: States, i: int) -> int:
+        """Number of the scene that robot i is in; 0 where there is one."""
+
+    def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
+        """World and goal of robot i."""

@@ -1,0 +1,127 @@
+"""Facts of optimistic replanning: what it knows, and that nobody could plan better with what it has seen."""
+
+import gymnasium
+import networkx
+import numpy as np
+import pytest
+from tiny_pool import tiny_pool
+
+from agents.policies.heuristics import REFERENCES, oracle, replanning
+from agents.rollout.episode import roll_out
+from irs_gym import RadioMap
+from irs_gym.grid import MOVE_LENGTHS, MOVES
+
+ID, RANDOM_ID = "irs_gym:IrsNav-v0", "irs_gym:IrsNavRandom-v0"
+POOL = tiny_pool(30, (9, 7), seed=2, blocked=0.6)
+B = -np.inf  # an obstacle
+
+# A wall from the ceiling down to the last row but one, and a shelf, so that the way up is no way out.
+DEAD_END = [
+    [0, 0, 0, 0, B, 0, 0],
+    [0, 0, B, B, B, 0, 0],
+    [0, 0, 0, 0, B, 0, 0],
+    [0, 0, 0, 0, B, 0, 0],
+    [0, 0, 0, 0, B, 0, 0],
+    [0, 0, 0, 0, 0, 0, 0],
+]
+
+
+def floor(rows, **arguments) -> gymnasium.Env:
+    """An environment over a map given as rows, the largest y first."""
+    radio_map = RadioMap.from_array(np.array(rows, dtype=float)[::-1].T, 0.5)
+    return gymnasium.make(ID, radio_map=radio_map, target_db=-60.0, **arguments)
+
+
+def test_it_walks_into_a_dead_end_that_it_cannot_see_and_out_again():
+    env = floor(DEAD_END, start=(0, 3), goal=(6, 3), patch_radius=1)
+    # East while the wall is out of sight; down as the shelf bars the way up; of two last moves equally good the first.
+    expected = [(0, 3), (1, 3), (2, 3), (3, 3), (3, 2), (3, 1), (4, 0), (5, 1), (6, 2), (6, 3)]
+    episode = roll_out(replanning(env), env)
+    assert episode.path.tolist() == [list(cell) for cell in expected]
+    assert episode.is_success
+    assert episode.distance > episode.oracle_distance
+
+
+def test_with_the_whole_map_in_view_it_is_the_oracle():
+    for arguments in ({"patch_radius": 40}, {"observation": "flat", "patch_radius": 39}, {"observation": "map"}):
+        env = gymnasium.make(ID, target_db=-61.0, **arguments)
+        for start in (None, (20, 36)):
+            options = {"start": start} if start else None
+            ours, best = (roll_out(make(env), env, options=options) for make in (replanning, oracle))
+            assert ours.path.tolist() == best.path.tolist()
+
+
+@pytest.mark.parametrize(("observation", "radius"), [("dict", 1), ("flat", 2), ("dict", 3), ("map", 1)])
+def test_each_move_begins_a_shortest_path_over_what_it_has_not_seen_to_be_infeasible(observation, radius):
+    env = gymnasium.make(RANDOM_ID, scenes=POOL, observation=observation, patch_radius=radius)
+    policy, optimal = replanning(env), 0
+    for number in range(len(POOL)):
+        episode = roll_out(policy, env, options={"scene_id": number})
+        assert episode.is_success
+        assert episode.refused == 0
+        optimal += episode.is_optimal
+        hoped = np.ones(POOL.shape, dtype=bool)
+        for cell, after in zip(episode.path[:-1], episode.path[1:], strict=True):
+            near = (
+                (slice(None), slice(None))
+                if observation == "map"
+                else tuple(slice(max(at - radius, 0), at + radius + 1) for at in cell)
+            )
+            hoped[near] = POOL.feasible[number][near]
+            to_go = lengths(hoped, tuple(POOL.goal[number].tolist()))
+            step = np.flatnonzero((after - cell == MOVES).all(axis=1))[0]
+            assert MOVE_LENGTHS[step] + to_go[tuple(after.tolist())] == pytest.approx(to_go[tuple(cell.tolist())])
+    assert (optimal == len(POOL)) == (observation == "map")
+
+
+def lengths(free: np.ndarray, goal: tuple[int, int]) -> dict[tuple[int, int], float]:
+    """Lengths in cells of the shortest paths to the goal, by networkx."""
+    graph = networkx.Graph()
+    for cell in map(tuple, np.argwhere(free).tolist()):
+        for (di, dj), length in zip(MOVES.tolist(), MOVE_LENGTHS.tolist(), strict=True):
+            there = (cell[0] + di, cell[1] + dj)
+            if 0 <= there[0] < free.shape[0] and 0 <= there[1] < free.shape[1] and free[there]:
+                graph.add_edge(cell, there, weight=length)
+    return networkx.single_source_dijkstra_path_length(graph, goal)
+
+
+def test_a_robot_that_sees_no_neighbours_learns_from_refusals():
+    env = gymnasium.make(RANDOM_ID, scenes=POOL, patch_radius=0, max_episode_steps=400)
+    episodes = [roll_out(replanning(env), env, options={"scene_id": n}) for n in range(len(POOL))]
+    assert all(each.is_success for each in episodes)
+    assert sum(each.refused for each in episodes) > 0
+
+
+def test_batches_act_as_single_robots_do_each_with_a_memory_of_its_own():
+    kwargs = {"scenes": POOL, "observation": "flat", "patch_radius": 1}
+    env = gymnasium.make(RANDOM_ID, **kwargs)
+    expected = [roll_out(replanning(env), env, options={"scene_id": n}).path.tolist() for n in range(6)]
+    batch = gymnasium.make_vec(RANDOM_ID, num_envs=6, autoreset_mode="SameStep", **kwargs)
+    policy, state, starts, walked = replanning(batch), None, np.ones(6, dtype=bool), {}
+    observation, _ = batch.reset(options={"scene_id": list(range(6))})
+    while len(walked) < 6:
+        actions, state = policy.predict(observation, state, starts)
+        observation, _, starts, _, _ = batch.step(actions)
+        for n in np.flatnonzero(starts).tolist():
+            walked.setdefault(n, np.asarray(batch.paths()[n]).tolist())
+    assert [walked[n] for n in range(6)] == expected
+
+
+def test_a_new_episode_forgets_what_was_seen():
+    env = floor(DEAD_END, start=(0, 3), goal=(6, 3), patch_radius=1)
+    policy = replanning(env)
+    observation, _ = env.reset()
+    _, fresh = policy.predict(observation, None, np.array([True]))
+    state = fresh
+    for _ in range(5):
+        action, state = policy.predict(observation, state, np.array([False]))
+        observation = env.step(int(action))[0]
+    assert not state[0].is_open.all()
+    observation, _ = env.reset()
+    assert policy.predict(observation, state, np.array([True]))[1][0].is_open.all()
+    assert not policy.predict(observation, state, np.array([False]))[1][0].is_open.all()
+
+
+def test_it_is_one_of_the_references():
+    env = gymnasium.make(ID)
+    assert roll_out(REFERENCES["replanning"](env, 0), env).is_success

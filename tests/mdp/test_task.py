@@ -1,0 +1,79 @@
+"""Facts of tasks: what a task leaves open its scene says, and what it says itself goes before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agents.runs.problem import problem_of
+from irs_gym.mdp.task import Task, build_world, resolved
+from irs_gym.radio.radio_map import RadioMap, build_phase_shifts, build_radio_map
+from irs_gym.radio.scene import load_scene
+
+PAPER = load_scene("paper")
+OWN = PAPER.model_copy(update={"target_db": -63.0, "phase_bits": 1})
+FLOOR = {"radio_map": RadioMap.from_array(np.zeros((5, 4)), 1.0), "start": (0, 0), "goal": (4, 2)}
+
+
+def test_target_and_resolution_are_the_scenes_where_the_task_says_none():
+    world = build_world(Task(scene=OWN))
+    assert (world.target_db, world.task.target_db, world.task.phase_bits) == (-63.0, -63.0, 1)
+    assert build_world(Task()).target_db == -61.8
+    assert build_world(Task()).task.phase_bits is None
+
+
+def test_target_and_resolution_of_a_task_go_before_the_scenes():
+    world = build_world(Task(scene=OWN, target_db=-64, phase_bits=2))
+    assert (world.target_db, world.task.phase_bits) == (-64.0, 2)
+    assert world.irs[0, 0, 1] == np.float32(1 - 2 / 4)
+
+
+def test_a_scene_that_says_its_task_gives_the_world_of_a_task_that_does():
+    own, said = build_world(Task(scene=OWN)), build_world(Task(target_db=-63.0, phase_bits=1))
+    assert np.array_equal(own.radio_map.gain_db, said.radio_map.gain_db)
+    assert np.array_equal(own.feasible, said.feasible)
+    assert np.array_equal(own.irs, said.irs)
+
+
+def test_tasks_that_resolve_to_the_same_share_a_world():
+    assert build_world(Task(target_db=-61.8)) is build_world(Task())
+    assert build_world(build_world(Task(scene=OWN)).task) is build_world(Task(scene=OWN))
+
+
+def test_maps_and_phase_shifts_take_the_scenes_resolution():
+    for build in (lambda *given: build_radio_map(*given).gain_db, build_phase_shifts):
+        one_bit = build(OWN, 1.0)
+        assert np.array_equal(one_bit, build(PAPER, 1.0, None, 1))
+        assert not np.array_equal(one_bit, build(PAPER, 1.0))
+        assert np.array_equal(build(OWN, 1.0, None, 3), build(PAPER, 1.0, None, 3))
+
+
+def test_a_map_from_elsewhere_has_the_papers_target_where_none_is_given():
+    assert build_world(Task(**FLOOR)).target_db == -61.8
+    assert build_world(Task(**FLOOR, target_db=-50.0)).target_db == -50.0
+
+
+def test_resolving_twice_changes_nothing():
+    for task in (Task(), Task(scene=OWN, target_db=-64.0), Task(**FLOOR)):
+        assert resolved(resolved(task)) == resolved(task)
+
+
+def test_problems_are_equal_whether_the_task_or_the_scene_says_so():
+    assert problem_of(Task(scene=OWN)) == problem_of(Task(target_db=-63.0, phase_bits=1))
+    assert problem_of(Task(scene=OWN)).label == "-63.0 dB, 1 bit"
+    mine = OWN.model_copy(update={"name": "mine"})
+    assert problem_of(Task(scene=mine)) == replace(
+        problem_of(Task(scene=OWN)), scene=problem_of(Task(scene=mine)).scene
+    )
+    assert problem_of(Task(scene=mine, target_db=-64.0)) != problem_of(Task(scene=mine))
+
+
+def test_the_name_of_a_problem_of_ones_own_is_what_it_was_before_scenes_said_their_task():
+    mine = PAPER.model_copy(update={"name": "mine"})
+    assert problem_of(Task(scene=mine)).scene == "mine-cdca7bf9"
+
+
+@pytest.mark.parametrize("target_db", [float("nan"), float("inf"), "low"])
+def test_a_target_that_is_no_number_is_refused(target_db):
+    with pytest.raises(ValueError, match=r"target_db=.* must be a finite number"):
+        Task(target_db=target_db)

@@ -16,7 +16,7 @@ Trainable = Literal[Algorithm, Generalist]
 LOCAL: tuple[LocalGeneralist, ...] = get_args(LocalGeneralist)
 GENERALISTS: tuple[Generalist, ...] = (*get_args(MapGeneralist), *LOCAL)
 
-_CLASSES: dict[Algorithm | Generalist, tuple[str, str]] = {
+MODEL_CLASSES: dict[Algorithm | Generalist, tuple[str, str]] = {
     "ppo": ("stable_baselines3", "PPO"),
     "maskable_ppo": ("sb3_contrib", "MaskablePPO"),
     "dqn": ("stable_baselines3", "DQN"),
@@ -45,7 +45,7 @@ def observation_of(algorithm: Generalist) -> Literal["flat", "map"]:
 
 def model_class(algorithm: Algorithm | Generalist) -> Any:
     """The class that learns by an algorithm, with SB3's ``learn`` and ``predict``; imported now."""
-    module, name = _CLASSES[algorithm]
+    module, name = MODEL_CLASSES[algorithm]
     return getattr(import_module(module), name)
 
 

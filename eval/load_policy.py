@@ -1,4 +1,4 @@
-"""`Cast`: a policy that a user names, and the environment that it is shown in."""
+"""`LoadedPolicy`: a policy that a user names, and the environment that it is shown in."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium
 
 from agents.policies.explorer_policy import Explorer
-from agents.policies.heuristics import REFERENCES
+from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.model_file import read_network
 from agents.policies.policy import Policy
 from agents.registry import ALGORITHMS, GENERALISTS, Generalist, observation_of
@@ -85,7 +85,7 @@ AT_HOME = Place()
 
 
 @dataclass(frozen=True)
-class Cast:
+class LoadedPolicy:
     """A policy, its environment, and the options of the environment's reset."""
 
     policy: Policy
@@ -93,7 +93,7 @@ class Cast:
     options: dict[str, Any] | None = None
 
 
-def cast(name: str, place: Place, render_mode: str, *, model: str = "best", seed: int = 0) -> Cast:
+def load_policy(name: str, place: Place, render_mode: str, *, model: str = "best", seed: int = 0) -> LoadedPolicy:
     """The policy of that name, and an environment for it that renders in a mode.
 
     Parameters
@@ -121,41 +121,41 @@ def cast(name: str, place: Place, render_mode: str, *, model: str = "best", seed
         return _of_run(Run.open(name), place, render_mode, model)
     if name in ALGORITHMS:
         pretrained: Any = load_pretrained(name, **place.of_one_scene)
-        return Cast(pretrained, pretrained.make_env(render_mode))
+        return LoadedPolicy(pretrained, pretrained.make_env(render_mode))
     if name in GENERALISTS:
         return _generalist(load_pretrained(name).policy, name, place, render_mode)  # type: ignore[arg-type]
-    if name in REFERENCES:
-        return _reference(lambda env: REFERENCES[name](env, seed), place, render_mode)
-    known = ", ".join([*ALGORITHMS, *GENERALISTS, *REFERENCES])
+    if name in REFERENCE_POLICIES:
+        return _reference(lambda env: REFERENCE_POLICIES[name](env, seed), place, render_mode)
+    known = ", ".join([*ALGORITHMS, *GENERALISTS, *REFERENCE_POLICIES])
     raise ValueError(f"{name!r} is neither a run folder nor one of {known}")
 
 
-def _of_run(run: Run, place: Place, render_mode: str, model: str) -> Cast:
+def _of_run(run: Run, place: Place, render_mode: str, model: str) -> LoadedPolicy:
     if run.is_generalist:
         return _generalist(run.load_model(model), run.config.algorithm, place, render_mode)  # type: ignore[arg-type]
     if place.given:
         said = ", ".join(place.given)
         raise ValueError(f"{said} cannot be given along with a run: its agent plays where it was trained")
-    return Cast(run.load_model(model), _in_task(run.task, render_mode))
+    return LoadedPolicy(run.load_model(model), _in_task(run.task, render_mode))
 
 
-def _generalist(policy: Any, algorithm: Generalist, place: Place, render_mode: str) -> Cast:
+def _generalist(policy: Any, algorithm: Generalist, place: Place, render_mode: str) -> LoadedPolicy:
     return _on_scenes(policy, observation_of(algorithm), place, render_mode)
 
 
-def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) -> Cast:
+def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) -> LoadedPolicy:
     arguments, number = place.scenes()
     env = gymnasium.make("irs_gym:IrsNavRandom-v0", render_mode=render_mode, observation=observation, **arguments)
     if isinstance(policy, Explorer):
         inner: Any = env.unwrapped
         policy = replace(policy, shape=inner.worlds.pool.shape)
-    return Cast(policy, env, {"scene_id": number})
+    return LoadedPolicy(policy, env, {"scene_id": number})
 
 
-def _reference(make: Callable[[gymnasium.Env[Any, Any]], Policy], place: Place, render_mode: str) -> Cast:
+def _reference(make: Callable[[gymnasium.Env[Any, Any]], Policy], place: Place, render_mode: str) -> LoadedPolicy:
     if place.split is None and place.scene_id is None:
         env = _in_task(Task(**place.given), render_mode)
-        return Cast(make(env), env)
+        return LoadedPolicy(make(env), env)
     blank = _on_scenes(None, "flat", place, render_mode)
     return replace(blank, policy=make(blank.env))
 

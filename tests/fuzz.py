@@ -228,12 +228,12 @@ def maps(folder: Path) -> Callable[[], None]:
     """Map files, their environments, and other archives of arrays."""
     from agents.networks.map_network import unpack_network
     from irs_gym import RadioMap
-    from irs_gym.datasets.shard import Block, build_block, definition_of
+    from irs_gym.datasets.shard import Shard, build_shard, definition_of
     from irs_gym.envs.nav import IrsNavEnv
     from irs_gym.files import read_arrays
 
     file, definition = folder / "map.npz", definition_of("val", 0, 1)
-    block, network = build_block("val", 0, 1).to_bytes(definition), (ROOT / "models" / "planner.npz").read_bytes()
+    block, network = build_shard("val", 0, 1).to_bytes(definition), (ROOT / "models" / "planner.npz").read_bytes()
     gains = st.sampled_from(
         [np.zeros((5, 4)), np.add.outer(np.arange(5), -np.arange(4.0)), np.where(np.eye(5), -np.inf, -60)]
     )
@@ -276,7 +276,7 @@ def maps(folder: Path) -> Callable[[], None]:
         with judged():
             read_arrays(file)
             if kind == "block":
-                Block.from_bytes(content, definition)
+                Shard.from_bytes(content, definition)
             elif kind == "network":
                 unpack_network(content)
             else:
@@ -345,7 +345,7 @@ def arguments(folder: Path) -> Callable[[], None]:
         (irs_gym.generate_scene, [st.just(np.random.default_rng(0)) | anything, st.just("easy") | anything]),
         (irs_gym.build_radio_map, [st.just("paper") | anything, number, st.none() | anything, st.none() | anything]),
         (irs_gym.build_phase_shifts, [st.just("paper") | anything, number, st.none() | anything, st.none() | anything]),
-        (scene_set.build_pool, [st.just("val") | anything, st.just(0) | anything]),
+        (scene_set.build_scene_set, [st.just("val") | anything, st.just(0) | anything]),
     ]
     names = [name for kind in (Task, RandomTask) for name in kind.__dataclass_fields__]
     given_names = st.sampled_from([*names, "num_envs", "max_episode_steps", "autoreset_mode", "render_mode", "nothing"])
@@ -369,7 +369,7 @@ def arguments(folder: Path) -> Callable[[], None]:
         if isinstance(given_arguments, dict):
             count = given_arguments.get("num_scenes", 0)
         else:
-            count = given_arguments[1] if function is scene_set.build_pool else 0
+            count = given_arguments[1] if function is scene_set.build_scene_set else 0
             count = 1000 if count is None else count
         is_count = isinstance(count, int | float | np.number)
         assume(not is_count or not 8 < count <= 10**6)  # so many are built, which takes long

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from irs_gym import build_phase_shifts, build_radio_map, load_scene, shortest_path, straight_line_bound
-from irs_gym.datasets.scene_set import build_pool, pool_of
+from irs_gym.datasets.scene_set import build_scene_set, scene_set_of
 from irs_gym.memory import MemoryLimitError, check_memory, memory_limit
 from irs_gym.radio.scene import Scene
 
@@ -70,8 +70,8 @@ REFUSED = [
         lambda: gymnasium.make_vec(RANDOM, num_envs=10**9, num_scenes=1),
         "num_envs=1000000000: state and observations of 128",
     ),
-    (lambda: build_pool("train", 1_000_000), "num_scenes=1000000: 1000000 maps of 40 x 40 cells"),
-    (lambda: pool_of([PAPER], frame=(10**6, 10**6)), r"frame=\(1000000, 1000000\): 1 maps of"),
+    (lambda: build_scene_set("train", 1_000_000), "num_scenes=1000000: 1000000 maps of 40 x 40 cells"),
+    (lambda: scene_set_of([PAPER], frame=(10**6, 10**6)), r"frame=\(1000000, 1000000\): 1 maps of"),
     (lambda: shortest_path(np.broadcast_to(True, (10**5, 10**5)), (0, 0), (1, 1), 1.0), "feasible: work on a map of"),
     (lambda: straight_line_bound(np.arange(10**6).reshape(1000, 1000) % 7 > 0, (0, 1), (999, 999), 1.0), "feasible"),
 ]

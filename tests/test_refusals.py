@@ -23,7 +23,7 @@ from irs_gym import (
     straight_line_bound,
     trade_off,
 )
-from irs_gym.datasets.scene_set import pool_of
+from irs_gym.datasets.scene_set import scene_set_of
 from irs_gym.envs.nav import IrsNavEnv
 from irs_gym.envs.random_nav import IrsNavRandomEnv
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
@@ -79,7 +79,7 @@ def test_a_cell_has_a_size(cell_size):
         lambda: build_radio_map("paper", cell_size),
         lambda: build_phase_shifts("paper", cell_size),
         lambda: IrsNavEnv(cell_size=cell_size),
-        lambda: pool_of([PAPER], cell_size=cell_size),
+        lambda: scene_set_of([PAPER], cell_size=cell_size),
     ]
     for work in works:
         with pytest.raises(ValueError, match=r"cell_size=.* must (be a positive number of metres|lie from)"):

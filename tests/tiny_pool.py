@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from irs_gym.datasets.scene_set import Pool
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.oracle.shortest_path import distance_to_go
 
 
-def tiny_pool(scenes: int = 6, shape: tuple[int, int] = (9, 7), seed: int = 0, blocked: float = 0.3) -> Pool:
+def tiny_pool(scenes: int = 6, shape: tuple[int, int] = (9, 7), seed: int = 0, blocked: float = 0.3) -> SceneSet:
     """Maps in dB, a share of whose cells is blocked or below the target, with a start that reaches the goal."""
     rng = np.random.default_rng(seed)
     gain_db = rng.normal(-60.0, 1.0, (scenes, *shape))
@@ -25,4 +25,4 @@ def tiny_pool(scenes: int = 6, shape: tuple[int, int] = (9, 7), seed: int = 0, b
         start[n] = rng.choice(can_reach)
     names = tuple(f"tiny-{n}" for n in range(scenes))
     irs = np.full((scenes, 3), -1.0, dtype=np.float32)
-    return Pool((), names, target_db, gain_db, to_go, irs, start, goal, 0.5)
+    return SceneSet((), names, target_db, gain_db, to_go, irs, start, goal, 0.5)

@@ -15,7 +15,7 @@ from agents.learning.local_configs import (
     LocalPpoConfig,
     MapPpoConfig,
     RecurrentPpoConfig,
-    ScenesPpoConfig,
+    Sb3PpoConfig,
 )
 from agents.learning.map_configs import (
     MapAgentConfig,
@@ -128,7 +128,7 @@ class GeneralistConfig(RunConfig):
     ended so, or killed, goes on with --resume.
     """
 
-    agent: MapAgentConfig | ScenesPpoConfig
+    agent: MapAgentConfig | Sb3PpoConfig
     env: Scenes = Scenes()
 
 

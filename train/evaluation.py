@@ -8,7 +8,7 @@ import gymnasium
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from agents.rollout.episode import Episode, roll_out
+from agents.rollout.episode import EpisodeResult, roll_out
 from agents.runs.manifest import Status
 from agents.runs.run_folder import Run
 
@@ -26,8 +26,8 @@ class Evaluation(BaseCallback):
         super().__init__()
         self.run, self.env, self.every, self.hold = run, env, every, hold
         self.rows: list[dict[str, Any]] = []
-        self.best: Episode | None = None
-        self.latest: Episode | None = None
+        self.best: EpisodeResult | None = None
+        self.latest: EpisodeResult | None = None
         self.held = 0
         self.is_interrupted = False
         self.signal = int(signal.SIGINT)  # what has interrupted it
@@ -120,7 +120,7 @@ class Evaluation(BaseCallback):
         result = {"is_success": self.latest.is_success, "ratio": self.latest.ratio}
         self.run.save_model(name, self.model, self.num_timesteps, **result)
 
-    def _is_better(self, episode: Episode) -> bool:
+    def _is_better(self, episode: EpisodeResult) -> bool:
         if self.best is None or not self.best.is_success:
             return True
         return episode.is_success and episode.distance < self.best.distance

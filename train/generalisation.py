@@ -1,8 +1,8 @@
 """`Generalisation`: tests a generalist on scenes that it does not learn on, and keeps its best state."""
 
-from agents.rollout.scene_set import Episodes, play
+from agents.rollout.scene_set import SceneSetResults, play_scene_set
 from agents.runs.run_folder import Run
-from irs_gym.datasets.scene_set import Pool
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.mdp.task import Observation
 from train.evaluation import Evaluation
 
@@ -10,10 +10,10 @@ from train.evaluation import Evaluation
 class Generalisation(Evaluation):
     """Plays the greedy policy from the start of each scene of a pool; the best state has the greatest mean SPL."""
 
-    latest: Episodes | None  # type: ignore[assignment]
-    best: Episodes | None  # type: ignore[assignment]
+    latest: SceneSetResults | None  # type: ignore[assignment]
+    best: SceneSetResults | None  # type: ignore[assignment]
 
-    def __init__(self, run: Run, pool: Pool, every: int, observation: Observation) -> None:
+    def __init__(self, run: Run, pool: SceneSet, every: int, observation: Observation) -> None:
         super().__init__(run, None, every, None)  # type: ignore[arg-type]  # plays in no environment
         self.pool, self.observation = pool, observation
 
@@ -26,7 +26,7 @@ class Generalisation(Evaluation):
         return f"{seen}; success {success:.3f}, SPL {spl:.4f} on {len(self.pool)} scenes that it did not learn on"
 
     def _test(self) -> None:
-        self.latest = episodes = play(self.model.policy, self.pool, self.observation)
+        self.latest = episodes = play_scene_set(self.model.policy, self.pool, self.observation)
         row = {"success": episodes.is_success.mean(), "spl": episodes.spl.mean(), "ratio": episodes.ratio}
         is_best = self.best is None or row["spl"] >= self.best.spl.mean()  # of equals, the one that learned longest
         self._note(row, ("success", "spl"), is_best=is_best)

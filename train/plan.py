@@ -1,4 +1,4 @@
-"""`Plan`: the runs of a sweep, algorithms x settings x seeds, read from a small TOML file."""
+"""`MapPlan`: the runs of a sweep, algorithms x settings x seeds, read from a small TOML file."""
 
 import tomllib
 from collections.abc import Iterator, Mapping

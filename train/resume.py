@@ -12,7 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 
 from agents.runs import provenance
-from agents.runs.manifest import Entry
+from agents.runs.manifest import FileEntry
 from agents.runs.run_folder import Run, RunError
 from train.evaluation import Evaluation
 
@@ -96,7 +96,7 @@ def restore(run: Run, evaluation: Evaluation, *, trust: bool = False) -> Any:
     return state["model"]
 
 
-def _newest(run: Run, entries: tuple[Entry, ...]) -> tuple[Entry, bytes]:
+def _newest(run: Run, entries: tuple[FileEntry, ...]) -> tuple[FileEntry, bytes]:
     for entry in entries:
         try:
             return entry, run.read(entry)

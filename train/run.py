@@ -144,8 +144,8 @@ def _material(config: TrainConfig | GeneralistConfig) -> Any:
     )
 
 
-def _pool(config: GeneralistConfig, split: str, scenes: int) -> pools.Pool:
-    return pools.build_pool(split, scenes, progress=None if config.progress else False)
+def _pool(config: GeneralistConfig, split: str, scenes: int) -> pools.SceneSet:
+    return pools.build_scene_set(split, scenes, progress=None if config.progress else False)
 
 
 def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:

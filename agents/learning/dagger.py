@@ -1,4 +1,4 @@
-"""`Exploration`: an explorer learns on its own ways through unknown factories what the oracle would do there.
+"""`Dagger`: an explorer learns on its own ways through unknown factories what the oracle would do there.
 
 States are those that its own policy comes to, labels are what each move would really cost (DAgger, Ross et al. 2011).
 """
@@ -10,15 +10,15 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from agents.learning.local_configs import ExplorerConfig
-from agents.learning.optim import cosine, descend
-from agents.learning.robot_batch import Expedition
-from irs_gym.datasets.scene_set import Pool
+from agents.learning.optim import cosine, gradient_step
+from agents.learning.robot_batch import RobotBatch
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.oracle.shortest_path import detours_of_moves
 
 _LONGEST = 10.0  # cells: a longer detour counts as much as this, and so does a refusal
 
 
-class Exploration:
+class Dagger:
     """Robots on their ways through scenes of a pool, and what is learned from them.
 
     At each update the network plans for what each robot has seen. The loss is the mean detour, in cells, of the moves
@@ -29,14 +29,14 @@ class Exploration:
     def __init__(self, config: ExplorerConfig, network: nn.Module, rng: np.random.Generator) -> None:
         self.config, self.network, self._rng = config, network, rng
         self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
-        self._expedition: Expedition | None = None
+        self._expedition: RobotBatch | None = None
 
-    def update(self, pool: Pool, progress: float) -> tuple[int, dict[str, float]]:
+    def update(self, pool: SceneSet, progress: float) -> tuple[int, dict[str, float]]:
         """One gradient step and the steps after it, counted in steps of robots; see
         `agents.learning.map_learner.Teacher`.
         """
         if self._expedition is None:
-            self._expedition = Expedition(self.config.terms, pool, self._rng)
+            self._expedition = RobotBatch(self.config.terms, pool, self._rng)
         robots = self._expedition
         margin, goals, settings = robots.known(pool)
         guess = self.network(margin, goals, settings)
@@ -47,12 +47,12 @@ class Exploration:
         error = errors / unknown.sum().clamp(min=1)  # small maps may be known as a whole
         loss = detour + self.config.guess_coef * error
         rate = cosine(self.config.learning_rate, progress)
-        descend(self._optimizer, loss, rate, self.config.max_grad_norm)
+        gradient_step(self._optimizer, loss, rate, self.config.max_grad_norm)
         steps = int(self._rng.integers(1, 2 * self.config.n_steps))
         self._walk(pool, guess.plan.logits.detach().argmax(dim=1).numpy(), steps)
         return steps * self.config.robots, {"detour": detour.item(), "guess_error": error.item()}
 
-    def _detour(self, pool: Pool, scenes: NDArray[np.int64], margin: Tensor, logits: Tensor) -> Tensor:
+    def _detour(self, pool: SceneSet, scenes: NDArray[np.int64], margin: Tensor, logits: Tensor) -> Tensor:
         """Mean over the cells known to each robot of the detour that its drawn moves make, in cells."""
         metres = detours_of_moves(pool.distance_to_go[scenes], pool.cell_size)
         cells = torch.from_numpy(np.minimum(metres / pool.cell_size, _LONGEST).astype(np.float32))
@@ -61,7 +61,7 @@ class Exploration:
         mean_detour = (logits.softmax(dim=1) * cells).sum(dim=1)
         return mean_detour[is_asked].mean()
 
-    def _walk(self, pool: Pool, moves: NDArray[np.int64], steps: int) -> None:
+    def _walk(self, pool: SceneSet, moves: NDArray[np.int64], steps: int) -> None:
         """Follow plans ``(n, X, Y)``, looking around; who has begun anew waits for a plan of its own."""
         robots = self._expedition
         assert robots is not None

@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from agents.learning.map_configs import ImitationConfig
-from agents.learning.optim import cosine, descend
+from agents.learning.optim import cosine, gradient_step
 from agents.learning.symmetry import SYMMETRIES, turn, turn_moves
 from agents.networks.map_network import maps_of
-from irs_gym.datasets.scene_set import Pool
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.oracle.shortest_path import optimal_moves
 
 
@@ -31,7 +31,7 @@ class Imitation:
         self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
         self._waiting = np.zeros(0, dtype=np.int64)
 
-    def update(self, pool: Pool, progress: float) -> tuple[int, dict[str, float]]:
+    def update(self, pool: SceneSet, progress: float) -> tuple[int, dict[str, float]]:
         """One batch, counted in scenes; see `agents.learning.map_learner.Teacher`."""
         scenes, symmetry = self._draw(len(pool)), int(self._rng.choice(SYMMETRIES))
         is_optimal = torch.from_numpy(optimal_moves(pool.distance_to_go[scenes], pool.cell_size))
@@ -43,7 +43,7 @@ class Imitation:
             error = (plan.to_go[can_reach] - to_go[can_reach].to(plan.to_go)).abs().mean() / 40.0
             loss = loss + self.config.to_go_coef * error
         rate = cosine(self.config.learning_rate, progress)
-        descend(self._optimizer, loss, rate, self.config.max_grad_norm)
+        gradient_step(self._optimizer, loss, rate, self.config.max_grad_norm)
         return len(scenes), {"loss": loss.item()}
 
     def _draw(self, scenes: int) -> NDArray[np.int64]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from agents.learning.map_configs import MapAgentConfig, ProximalConfig
-from agents.learning.robot_batch import Terms
+from agents.learning.robot_batch import RobotBatchConfig
 from agents.registry import Algorithm, Generalist, NetworkName
 from agents.single.config import check_settings
 from agents.single.ppo import PpoConfig
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExpeditionConfig(MapAgentConfig):
+class ExplorerAgentConfig(MapAgentConfig):
     """Settings of every explorer, and of the robots that it learns with."""
 
     network: ClassVar[NetworkName] = "explorer"
@@ -45,13 +45,13 @@ class ExpeditionConfig(MapAgentConfig):
         check_settings(self, "share", "random_start")
 
     @property
-    def terms(self) -> Terms:
+    def terms(self) -> RobotBatchConfig:
         """How the robots are sent out."""
-        return Terms(**{each.name: getattr(self, each.name) for each in fields(Terms)})
+        return RobotBatchConfig(**{each.name: getattr(self, each.name) for each in fields(RobotBatchConfig)})
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExplorerConfig(ExpeditionConfig):
+class ExplorerConfig(ExplorerAgentConfig):
     """Settings of the explorer: imitation with a memory of what was seen; the learning rate falls along a cosine."""
 
     algorithm: ClassVar[Generalist] = "explorer"
@@ -75,13 +75,13 @@ class ExplorerConfig(ExpeditionConfig):
 
     def teacher(self, network: nn.Module, rng: np.random.Generator) -> Teacher:
         """The oracle, on the explorer's own ways."""
-        from agents.learning.dagger import Exploration
+        from agents.learning.dagger import Dagger
 
-        return Exploration(self, network, rng)
+        return Dagger(self, network, rng)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExplorerPpoConfig(ExpeditionConfig, ProximalConfig):
+class ExplorerPpoConfig(ExplorerAgentConfig, ProximalConfig):
     """Settings of the explorer that learns by PPO; ``weights`` from imitation are optional."""
 
     algorithm: ClassVar[Generalist] = "explorer_ppo"
@@ -114,7 +114,7 @@ class ExplorerPpoConfig(ExpeditionConfig, ProximalConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScenesPpoConfig(PpoConfig):
+class Sb3PpoConfig(PpoConfig):
     """Settings of an algorithm of SB3 that learns in `IrsNavRandom-v0`."""
 
     algorithm: ClassVar[Algorithm | Generalist]
@@ -141,7 +141,7 @@ class ScenesPpoConfig(PpoConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LocalPpoConfig(ScenesPpoConfig):
+class LocalPpoConfig(Sb3PpoConfig):
     """Settings of Stable-Baselines3's PPO over many scenes, which sees the patch around the robot and forgets it."""
 
     algorithm: ClassVar[Algorithm | Generalist] = "local_ppo"
@@ -150,7 +150,7 @@ class LocalPpoConfig(ScenesPpoConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecurrentPpoConfig(ScenesPpoConfig):
+class RecurrentPpoConfig(Sb3PpoConfig):
     """Settings of sb3-contrib's RecurrentPPO over many scenes: what it has seen is in the state of an LSTM."""
 
     algorithm: ClassVar[Algorithm | Generalist] = "recurrent_ppo"
@@ -173,7 +173,7 @@ class RecurrentPpoConfig(ScenesPpoConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MapPpoConfig(ScenesPpoConfig):
+class MapPpoConfig(Sb3PpoConfig):
     """Settings of Stable-Baselines3's PPO over many scenes, with a convolutional network over the whole map."""
 
     algorithm: ClassVar[Algorithm | Generalist] = "map_ppo"

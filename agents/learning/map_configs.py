@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from torch import nn
 
     from agents.learning.map_learner import MapLearner, Teacher
-    from irs_gym.datasets.scene_set import Pool
+    from irs_gym.datasets.scene_set import SceneSet
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class MapAgentConfig:
         """Settings of the network."""
         return {name: getattr(self, name) for name in self.network_settings}
 
-    def build(self, pool: Pool, seed: int) -> MapLearner:
+    def build(self, pool: SceneSet, seed: int) -> MapLearner:
         """The learner, untrained; raises ``ValueError`` where ``weights`` do not fit."""
         from agents.learning.map_learner import MapLearner
 
@@ -136,7 +136,7 @@ class ProximalConfig(MapAgentConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScenePpoConfig(ProximalConfig):
+class WholeMapPpoConfig(ProximalConfig):
     """Settings of PPO by scene."""
 
     scenes: int = 16
@@ -155,9 +155,9 @@ class ScenePpoConfig(ProximalConfig):
 
     def teacher(self, network: nn.Module, rng: np.random.Generator) -> Teacher:
         """PPO alone: it asks no oracle."""
-        from agents.learning.whole_map_ppo import ScenePpo
+        from agents.learning.whole_map_ppo import WholeMapPpo
 
-        return ScenePpo(self, network, rng)
+        return WholeMapPpo(self, network, rng)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,7 +211,7 @@ class VinConfig(ImitationConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannerPpoConfig(ScenePpoConfig):
+class PlannerPpoConfig(WholeMapPpoConfig):
     """Settings of the planning network that learns by PPO alone."""
 
     algorithm: ClassVar[Generalist] = "planner_ppo"
@@ -226,7 +226,7 @@ class PlannerPpoConfig(ScenePpoConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class UNetPpoConfig(ScenePpoConfig):
+class UNetPpoConfig(WholeMapPpoConfig):
     """Settings of the U-Net that learns by PPO; give it ``weights`` from imitation to begin with."""
 
     algorithm: ClassVar[Generalist] = "unet_ppo"

@@ -11,7 +11,7 @@ from torch import nn
 from agents.learning.map_configs import MapAgentConfig
 from agents.policies.explorer_policy import Explorer
 from agents.policies.map_policy import MapPolicy
-from irs_gym.datasets.scene_set import Pool
+from irs_gym.datasets.scene_set import SceneSet
 
 if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback
@@ -23,7 +23,7 @@ class Teacher(Protocol):
 
     network: nn.Module
 
-    def update(self, pool: Pool, progress: float) -> tuple[int, dict[str, float]]:
+    def update(self, pool: SceneSet, progress: float) -> tuple[int, dict[str, float]]:
         """Improve it once, with ``progress`` in [0, 1] through the schedule; returns steps taken, and what to log."""
         ...
 
@@ -39,7 +39,7 @@ class MapLearner:
         Steps so far, in what the teacher counts.
     """
 
-    def __init__(self, config: MapAgentConfig, pool: Pool, seed: int) -> None:
+    def __init__(self, config: MapAgentConfig, pool: SceneSet, seed: int) -> None:
         torch.manual_seed(seed)
         self.config, self.pool, self.num_timesteps = config, pool, 0
         self.teacher = config.teacher(config.build_network(), np.random.default_rng(seed))

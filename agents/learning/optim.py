@@ -1,4 +1,4 @@
-"""`descend`: one step down a gradient that is cut where it is too long."""
+"""`gradient_step`: one step down a gradient that is cut where it is too long."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from agents.learning.map_configs import ProximalConfig
 
 
-def descend(optimizer: torch.optim.Optimizer, loss: Tensor, learning_rate: float, max_grad_norm: float) -> None:
+def gradient_step(optimizer: torch.optim.Optimizer, loss: Tensor, learning_rate: float, max_grad_norm: float) -> None:
     """One step of an optimiser at a learning rate; gradients longer than the norm, over all parameters, are cut."""
     for group in optimizer.param_groups:
         group["lr"] = learning_rate

@@ -35,38 +35,38 @@ class WayCritic(nn.Linear):
         return found
 
 
-def advantages(errors: Floats, keep: Floats, decay: float) -> Floats:
+def generalized_advantages(td_errors: Floats, not_done: Floats, decay: float) -> Floats:
     """Generalised advantage estimates from temporal-difference errors in the order of time.
 
     Parameters
     ----------
-    errors
+    td_errors
         Reward and discounted value ahead less the value, shape ``(T, N)``.
-    keep
+    not_done
         0 where the episode is over after the step, else 1, shape ``(T, N)``.
     decay
         The discount times lambda.
     """
-    found, running = np.zeros_like(errors), np.zeros(errors.shape[1], dtype=np.float32)
-    for t in reversed(range(len(errors))):
-        running = errors[t] + decay * keep[t] * running
+    found, running = np.zeros_like(td_errors), np.zeros(td_errors.shape[1], dtype=np.float32)
+    for t in reversed(range(len(td_errors))):
+        running = td_errors[t] + decay * not_done[t] * running
         found[t] = running
     return found
 
 
-def normalised(advantage: Floats) -> Tensor:
+def normalized(advantages: Floats) -> Tensor:
     """With mean 0 and standard deviation 1."""
-    found = torch.from_numpy(advantage)
+    found = torch.from_numpy(advantages)
     return (found - found.mean()) / (found.std() + 1e-8)
 
 
-def proximal_loss(
+def clipped_loss(
     config: ProximalConfig,
     progress: float,
     log_probabilities: Tensor,
     actions: NDArray[np.int64],
-    before: Tensor,
-    advantage: Tensor,
+    old_log_probs: Tensor,
+    advantages: Tensor,
     values: Tensor,
     targets: Floats,
 ) -> tuple[Tensor, dict[str, float]]:
@@ -76,20 +76,20 @@ def proximal_loss(
     ----------
     log_probabilities
         Of the moves as they are now, shape ``(..., 8)``; that of all other arrays is ``(...)``.
-    before
+    old_log_probs
         Logarithms of the probabilities of the actions when they were drawn.
     """
-    after = log_probabilities.gather(-1, torch.from_numpy(actions)[..., None])[..., 0]
-    ratio, clip = (after - before).exp(), config.clip_range
-    gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage).mean()
+    new_log_probs = log_probabilities.gather(-1, torch.from_numpy(actions)[..., None])[..., 0]
+    ratio, clip = (new_log_probs - old_log_probs).exp(), config.clip_range
+    policy_objective = torch.minimum(ratio * advantages, ratio.clamp(1.0 - clip, 1.0 + clip) * advantages).mean()
     target = torch.from_numpy(targets)
-    error = (values - target).square().mean() / (target.var() + 1.0)
+    value_loss = (values - target).square().mean() / (target.var() + 1.0)
     entropy = -(log_probabilities.exp() * log_probabilities).sum(dim=-1).mean()
-    loss = -gain + config.vf_coef * error - config.ent_coef * (1.0 - progress) * entropy
-    return loss, {"loss": loss.item(), "value_error": error.item(), "entropy": entropy.item()}
+    loss = -policy_objective + config.vf_coef * value_loss - config.ent_coef * (1.0 - progress) * entropy
+    return loss, {"loss": loss.item(), "value_error": value_loss.item(), "entropy": entropy.item()}
 
 
-def draw(probabilities: Floats, uniform: Floats) -> NDArray[np.int64]:
+def sample_actions(probabilities: Floats, uniform: Floats) -> NDArray[np.int64]:
     """Actions drawn with probabilities ``(n, 8)`` by uniform numbers ``(n,)``."""
     cumulated = probabilities.cumsum(axis=1)
     return np.asarray((cumulated < uniform[:, None] * cumulated[:, -1:]).sum(axis=1))

@@ -1,4 +1,4 @@
-"""`Expedition`: robots on their ways through scenes of a pool, with what each of them has seen."""
+"""`RobotBatch`: robots on their ways through scenes of a pool, with what each of them has seen."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,8 +8,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from agents.policies.belief_map import Seen, patches_of
-from irs_gym.datasets.scene_set import Pool
+from agents.policies.belief_map import BeliefMap, patches_of
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import MOVES
 
 Bools = NDArray[np.bool_]
@@ -17,7 +17,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Terms:
+class RobotBatchConfig:
     """How n robots are sent out.
 
     Attributes
@@ -38,7 +38,7 @@ class Terms:
     random_start: float
 
 
-class Arrival(NamedTuple):
+class FinishedEpisodes(NamedTuple):
     """Where a step has brought n robots."""
 
     cells: Ints  # (n, 2)
@@ -46,7 +46,7 @@ class Arrival(NamedTuple):
     is_over: Bools  # (n,), at the goal or out of steps
 
 
-class Expedition:
+class RobotBatch:
     """Robots that begin anew, in another scene, as soon as they have arrived or given up.
 
     Attributes
@@ -57,21 +57,21 @@ class Expedition:
         What each has seen since it began.
     """
 
-    def __init__(self, terms: Terms, pool: Pool, rng: np.random.Generator) -> None:
+    def __init__(self, terms: RobotBatchConfig, pool: SceneSet, rng: np.random.Generator) -> None:
         n = terms.robots
         self.terms, self._rng = terms, rng
         self.scenes, self.cells = np.zeros(n, dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
-        self.seen = Seen.nothing(n, pool.shape, terms.patch_radius)
+        self.seen = BeliefMap.nothing(n, pool.shape, terms.patch_radius)
         self.begin(pool, np.arange(n))
 
-    def known(self, pool: Pool) -> tuple[Tensor, Tensor, Tensor]:
+    def known(self, pool: SceneSet) -> tuple[Tensor, Tensor, Tensor]:
         """What the robots know, as `agents.networks.explorer.ExplorerNetwork` takes it: a copy."""
         goals = pool.goal[self.scenes] @ [pool.shape[1], 1]
         margin = torch.from_numpy(np.ascontiguousarray(self.seen.maps))
         return margin, torch.from_numpy(goals), torch.from_numpy(pool.irs[self.scenes])
 
-    def begin(self, pool: Pool, robots: Ints) -> None:
+    def begin(self, pool: SceneSet, robots: Ints) -> None:
         """Send these robots on their way through scenes drawn anew."""
         self.scenes[robots] = self._rng.integers(len(pool), size=len(robots))
         self.cells[robots] = pool.start[self.scenes[robots]]
@@ -82,7 +82,7 @@ class Expedition:
         self.seen = self.seen.forget(robots)
         self._look(pool)
 
-    def move(self, pool: Pool, moves: Ints, waits: Bools) -> Arrival:
+    def move(self, pool: SceneSet, moves: Ints, waits: Bools) -> FinishedEpisodes:
         """One step of all robots but those that wait; refused into cells that are not feasible.
 
         Those that have arrived or given up begin anew.
@@ -99,7 +99,7 @@ class Expedition:
         if is_over.any():
             self.cells = places.copy()
             self.begin(pool, np.flatnonzero(is_over))
-        return Arrival(places, is_there, is_over)
+        return FinishedEpisodes(places, is_there, is_over)
 
-    def _look(self, pool: Pool) -> None:
+    def _look(self, pool: SceneSet) -> None:
         self.seen = self.seen.look(self.cells, patches_of(pool, self.scenes, self.cells, self.seen.radius))

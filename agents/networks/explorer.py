@@ -6,9 +6,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad, softplus
 
-from agents.networks.map_network import Plan
+from agents.networks.map_network import MapPlan
 from agents.networks.planner import plan
-from agents.networks.unet import block, double
+from agents.networks.unet import conv_block, double_conv
 from irs_gym.grid import MOVE_LENGTHS, MOVES
 
 BLOCKED = 1e4  # cost of entering a cell that is known to be infeasible: more than any way through unknown cells
@@ -19,7 +19,7 @@ _MOST_EXTRA = 50.0  # a cell costs no more than this beside its length, however 
 class Guess(NamedTuple):
     """What the network says of maps seen in part."""
 
-    plan: Plan
+    plan: MapPlan
     feasible: Tensor  # (B, X, Y): logits that cells are feasible, learned in those not seen
 
 
@@ -39,12 +39,12 @@ class ExplorerNetwork(nn.Module):
     def __init__(self, width: int = 8) -> None:
         super().__init__()
         twice, four = 2 * width, 4 * width
-        self.stem = nn.Sequential(block(9, width), block(width, width))
-        self.down_2 = nn.Sequential(block(width, twice, stride=2), block(twice, twice))
-        self.down_4 = nn.Sequential(block(twice, twice, stride=2), block(twice, twice))
-        self.down_8 = nn.Sequential(block(twice, four, stride=2), block(four, four))
-        self.up_4, self.up_2 = block(four + twice, twice), block(2 * twice, twice)
-        self.up_1 = block(twice + width, width)
+        self.stem = nn.Sequential(conv_block(9, width), conv_block(width, width))
+        self.down_2 = nn.Sequential(conv_block(width, twice, stride=2), conv_block(twice, twice))
+        self.down_4 = nn.Sequential(conv_block(twice, twice, stride=2), conv_block(twice, twice))
+        self.down_8 = nn.Sequential(conv_block(twice, four, stride=2), conv_block(four, four))
+        self.up_4, self.up_2 = conv_block(four + twice, twice), conv_block(2 * twice, twice)
+        self.up_1 = conv_block(twice + width, width)
         self.read_out = nn.Conv2d(width, 2, 1)
         with torch.no_grad():
             self.read_out.bias.copy_(torch.tensor([-2.0, 1.0]))  # begins near optimism: most cells are feasible
@@ -79,9 +79,9 @@ class ExplorerNetwork(nn.Module):
         whole = self.stem(planes)
         half = self.down_2(whole)
         quarter = self.down_4(half)
-        quarter = self.up_4(torch.cat([quarter, double(self.down_8(quarter))], dim=1))
-        half = self.up_2(torch.cat([half, double(quarter)], dim=1))
-        answer: Tensor = self.read_out(self.up_1(torch.cat([whole, double(half)], dim=1)))
+        quarter = self.up_4(torch.cat([quarter, double_conv(self.down_8(quarter))], dim=1))
+        half = self.up_2(torch.cat([half, double_conv(quarter)], dim=1))
+        answer: Tensor = self.read_out(self.up_1(torch.cat([whole, double_conv(half)], dim=1)))
         return answer
 
 

@@ -1,4 +1,4 @@
-"""What all networks over maps share: what they see (`maps_of`), what they say (`Plan`), and their file.
+"""What all networks over maps share: what they see (`maps_of`), what they say (`MapPlan`), and their file.
 
 A file holds plain arrays and a line of JSON; nothing in it is unpickled.
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from agents.registry import NetworkName
-from irs_gym.datasets.scene_set import Pool
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.files import read_arrays
 from irs_gym.mdp.observation import MARGIN_SCALE_DB
 from irs_gym.memory import check_memory
@@ -39,14 +39,14 @@ class NetworkFileError(ValueError):
     """A file that is not a network over maps, or a damaged one."""
 
 
-class Plan(NamedTuple):
+class MapPlan(NamedTuple):
     """What a network says of all cells of its maps at once."""
 
     logits: Tensor  # (B, 8, X, Y), of the moves in the order of `irs_gym.grid.MOVES`
     to_go: Tensor  # (B, X, Y), its estimate of the way to the goal, in units of its own
 
 
-def maps_of(pool: Pool, scenes: NDArray[np.int64]) -> Tensor:
+def maps_of(pool: SceneSet, scenes: NDArray[np.int64]) -> Tensor:
     """What networks see of some scenes of a pool: float32 ``(B, 3, X, Y)``.
 
     The channels are those of the environment's map observation without the robot: margin over the target, obstacle,
@@ -60,7 +60,7 @@ def maps_of(pool: Pool, scenes: NDArray[np.int64]) -> Tensor:
     return torch.from_numpy(maps)
 
 
-def plan_pool(network: nn.Module, pool: Pool, batch: int = 32) -> NDArray[np.float32]:
+def plan_scene_set(network: nn.Module, pool: SceneSet, batch: int = 32) -> NDArray[np.float32]:
     """Logits of a network for all cells of all scenes of a pool: ``(S, 8, X, Y)``."""
     network.eval()
     with torch.inference_mode():

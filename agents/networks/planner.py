@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.autograd.function import FunctionCtx
 from torch.nn.functional import pad
 
-from agents.networks.map_network import Plan
+from agents.networks.map_network import MapPlan
 from agents.registry import Encoding
 from irs_gym.grid import MOVES
 from irs_gym.mdp.observation import MARGIN_SCALE_DB
@@ -54,7 +54,7 @@ class PlanningNetwork(nn.Module):
         )
         self.log_beta = nn.Parameter(torch.tensor(1.0))
 
-    def forward(self, maps: Tensor, rounds: int | None = None) -> Plan:
+    def forward(self, maps: Tensor, rounds: int | None = None) -> MapPlan:
         """Plan for maps ``(B, 3, X, Y)`` of `agents.networks.map_network.maps_of`.
 
         ``rounds`` bounds the rounds of value iteration; by default they end when nothing changes any more.
@@ -71,12 +71,12 @@ class PlanningNetwork(nn.Module):
         return torch.stack([*planes, 1.0 - maps[:, 1], goal], dim=1)
 
 
-def plan(costs: Tensor, is_goal: Tensor, beta: Tensor | float = 1.0, rounds: int | None = None) -> Plan:
+def plan(costs: Tensor, is_goal: Tensor, beta: Tensor | float = 1.0, rounds: int | None = None) -> MapPlan:
     """Plan for given costs of the moves ``(B, 8, X, Y)`` and goals, bool ``(B, X, Y)``."""
     to_go: Tensor = _CostToGo.apply(costs, is_goal, rounds)  # type: ignore[no-untyped-call]
     ahead = costs + torch.stack(_neighbours(pad(to_go, (1, 1, 1, 1), value=UNREACHED)), dim=1)
     worse = (ahead - ahead.amin(dim=1, keepdim=True)).clamp(max=FARTHEST)
-    return Plan(-beta * worse, to_go)
+    return MapPlan(-beta * worse, to_go)
 
 
 class _CostToGo(torch.autograd.Function):

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import interpolate, pad
 
-from agents.networks.map_network import Plan
+from agents.networks.map_network import MapPlan
 from irs_gym.grid import MOVES
 
 _FACTOR = 8  # sides of the maps are padded to multiples of this many cells
@@ -28,17 +28,17 @@ class UNet(nn.Module):
     def __init__(self, width: int = 16, passes: int = 6) -> None:
         super().__init__()
         self.passes, wide = passes, 2 * width
-        self.stem = nn.Sequential(block(4, width), block(width, width))
-        self.enter = block(width, wide, stride=2)
-        self.begin = block(2 * wide, wide)
-        self.down = nn.ModuleList([block(wide, wide, stride=2), block(wide, wide, stride=2)])
-        self.deep = block(wide, wide)
-        self.up = nn.ModuleList([block(2 * wide, wide), block(2 * wide, wide)])
+        self.stem = nn.Sequential(conv_block(4, width), conv_block(width, width))
+        self.enter = conv_block(width, wide, stride=2)
+        self.begin = conv_block(2 * wide, wide)
+        self.down = nn.ModuleList([conv_block(wide, wide, stride=2), conv_block(wide, wide, stride=2)])
+        self.deep = conv_block(wide, wide)
+        self.up = nn.ModuleList([conv_block(2 * wide, wide), conv_block(2 * wide, wide)])
         self.finish = nn.Conv2d(wide, wide, 3, padding=1)
-        self.leave = nn.Sequential(block(wide + width, 2 * width), block(2 * width, 2 * width))
+        self.leave = nn.Sequential(conv_block(wide + width, 2 * width), conv_block(2 * width, 2 * width))
         self.read_out = nn.Conv2d(2 * width, len(MOVES) + 1, 1)
 
-    def forward(self, maps: Tensor) -> Plan:
+    def forward(self, maps: Tensor) -> MapPlan:
         """Plan for maps ``(B, 3, X, Y)`` of `agents.networks.map_network.maps_of`."""
         columns, rows = maps.shape[-2:]
         planes = torch.cat([(maps[:, :1] >= 0).to(maps), maps[:, :1] * (1.0 - maps[:, 1:2]), maps[:, 1:]], dim=1)
@@ -47,23 +47,23 @@ class UNet(nn.Module):
         state = torch.zeros_like(seen)
         for _ in range(max(self.passes, self.passes * max(columns, rows) // 40)):
             state = state + self._pass(torch.cat([state, seen], dim=1))
-        answer = self.read_out(self.leave(torch.cat([double(state), fine], dim=1)))[..., :columns, :rows]
-        return Plan(answer[:, :-1], _UNIT * answer[:, -1])
+        answer = self.read_out(self.leave(torch.cat([double_conv(state), fine], dim=1)))[..., :columns, :rows]
+        return MapPlan(answer[:, :-1], _UNIT * answer[:, -1])
 
     def _pass(self, seen: Tensor) -> Tensor:
         half = self.begin(seen)
         quarter = self.down[0](half)
         eighth = self.deep(self.down[1](quarter))
-        quarter = self.up[0](torch.cat([quarter, double(eighth)], dim=1))
-        return self.finish(self.up[1](torch.cat([half, double(quarter)], dim=1)))
+        quarter = self.up[0](torch.cat([quarter, double_conv(eighth)], dim=1))
+        return self.finish(self.up[1](torch.cat([half, double_conv(quarter)], dim=1)))
 
 
-def block(channels: int, width: int, stride: int = 1) -> nn.Sequential:
+def conv_block(channels: int, width: int, stride: int = 1) -> nn.Sequential:
     """A convolution over 3 x 3 cells with its normalisation and activation."""
     convolution = nn.Conv2d(channels, width, 3, stride=stride, padding=1, bias=False)
     return nn.Sequential(convolution, nn.GroupNorm(8, width), nn.ReLU())
 
 
-def double(maps: Tensor) -> Tensor:
+def double_conv(maps: Tensor) -> Tensor:
     """Maps on a grid twice as fine."""
     return interpolate(maps, scale_factor=2.0, mode="nearest")

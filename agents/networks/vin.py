@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
-from agents.networks.map_network import Plan
+from agents.networks.map_network import MapPlan
 from irs_gym.grid import MOVES
 
 _DISCOUNT = 0.95  # that the transitions begin with
@@ -34,7 +34,7 @@ class ValueIterationNetwork(nn.Module):
         self.transition = nn.Parameter(_moves(actions))
         self.read_out = nn.Conv2d(actions, len(MOVES), 1)
 
-    def forward(self, maps: Tensor) -> Plan:
+    def forward(self, maps: Tensor) -> MapPlan:
         """Plan for maps ``(B, 3, X, Y)`` of `agents.networks.map_network.maps_of`."""
         mask = (maps[:, :1] >= 0).to(maps)
         reward = self.reward(torch.cat([mask, maps], dim=1))
@@ -42,7 +42,7 @@ class ValueIterationNetwork(nn.Module):
         for _ in range(max(self.rounds, self.rounds * max(maps.shape[-2:]) // 40)):
             qualities = conv2d(torch.cat([reward, values], dim=1), self.transition, padding=1)
             values = qualities.amax(dim=1, keepdim=True)
-        return Plan(self.read_out(qualities), -values[:, 0])
+        return MapPlan(self.read_out(qualities), -values[:, 0])
 
 
 def _moves(actions: int) -> Tensor:

@@ -1,4 +1,4 @@
-"""`Seen`: what robots remember of the maps around them, from observation to observation."""
+"""`BeliefMap`: what robots remember of the maps around them, from observation to observation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.observation_decoding import unmasked
-from irs_gym.datasets.scene_set import Pool
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.mdp.observation import scaled_margin
 
 Floats = NDArray[np.float32]
@@ -19,7 +19,7 @@ UNKNOWN = np.float32(np.nan)
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class BeliefMap:
     """Scaled margins over the target that n robots have seen, NaN where they have not looked.
 
     Attributes
@@ -34,7 +34,7 @@ class Seen:
     radius: int
 
     @classmethod
-    def nothing(cls, robots: int, shape: tuple[int, int], radius: int) -> "Seen":
+    def nothing(cls, robots: int, shape: tuple[int, int], radius: int) -> "BeliefMap":
         """The memory of robots that have not looked yet, over maps of that shape (X, Y)."""
         border = 2 * radius
         return cls(np.full((robots, shape[0] + border, shape[1] + border), UNKNOWN), radius)
@@ -45,20 +45,20 @@ class Seen:
         inner = slice(self.radius, -self.radius or None)
         return self.margin[:, inner, inner]
 
-    def forget(self, robots: NDArray[Any]) -> "Seen":
+    def forget(self, robots: NDArray[Any]) -> "BeliefMap":
         """Nothing seen by these robots."""
         margin = self.margin.copy()
         margin[robots] = UNKNOWN
-        return Seen(margin, self.radius)
+        return BeliefMap(margin, self.radius)
 
-    def look(self, cells: Ints, patches: Floats) -> "Seen":
+    def look(self, cells: Ints, patches: Floats) -> "BeliefMap":
         """With the patches ``(n, 2r+1, 2r+1)`` around the cells ``(n, 2)`` that the robots are in."""
         margin = self.margin.copy()
         margin[_windows(cells, self.radius)] = patches
-        return Seen(margin, self.radius)
+        return BeliefMap(margin, self.radius)
 
 
-def patches_of(pool: Pool, scenes: Ints, cells: Ints, radius: int) -> Floats:
+def patches_of(pool: SceneSet, scenes: Ints, cells: Ints, radius: int) -> Floats:
     """What robots in cells ``(n, 2)`` of scenes ``(n,)`` see, ``(n, 2r+1, 2r+1)``, as the environment shows it."""
     margin = scaled_margin(pool.gain_db[scenes], pool.target_db[scenes, None, None])
     padded = np.pad(margin, ((0, 0), (radius, radius), (radius, radius)), constant_values=-1.0)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from agents.networks.map_network import pack_network
-from agents.policies.belief_map import Seen, parts_of
+from agents.policies.belief_map import BeliefMap, parts_of
 from agents.policies.observation_decoding import decode
 
 Ints = NDArray[np.int64]
@@ -17,10 +17,10 @@ _BATCH = 64  # maps in work at a time
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
+class ExplorerState:
     """What n robots know since their reset, and what they are about to do."""
 
-    seen: Seen
+    seen: BeliefMap
     goals: Ints  # (n,), flat
     moves: NDArray[np.uint8]  # (n, X * Y): the move in each cell
 
@@ -47,10 +47,10 @@ class Explorer:
     def predict(
         self,
         observation: Any,
-        state: Memory | None = None,
+        state: ExplorerState | None = None,
         episode_start: Any = None,
         deterministic: bool = False,
-    ) -> tuple[Ints, Memory]:
+    ) -> tuple[Ints, ExplorerState]:
         """Actions for one observation or a batch, and what was seen so far; see `agents.policies.policy.Policy`.
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
@@ -60,23 +60,23 @@ class Explorer:
         at, to = robots.ravel(), goals.ravel()
         old = self._blank(len(at), patches.shape[-1] // 2) if state is None else state
         if episode_start is not None and np.any(episode_start):
-            old = Memory(old.seen.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves)
+            old = ExplorerState(old.seen.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves)
         seen = old.seen.look(np.stack(np.divmod(at, self.shape[1]), axis=-1), patches)
         is_new = np.isnan(old.seen.maps).sum(axis=(1, 2)) != np.isnan(seen.maps).sum(axis=(1, 2))
         changed = np.flatnonzero(is_new | (to != old.goals))
         moves = old.moves.copy()
         for part in np.array_split(changed, -(-len(changed) // _BATCH)) if len(changed) else ():
             moves[part] = self._plan(seen.maps[part], to[part], settings[part])
-        return moves[np.arange(len(at)), at].astype(np.int64).reshape(robots.shape), Memory(seen, to, moves)
+        return moves[np.arange(len(at)), at].astype(np.int64).reshape(robots.shape), ExplorerState(seen, to, moves)
 
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""
         file.write(pack_network("explorer", self.settings, self.network))
 
-    def _blank(self, robots: int, radius: int) -> Memory:
+    def _blank(self, robots: int, radius: int) -> ExplorerState:
         cells = self.shape[0] * self.shape[1]
-        seen = Seen.nothing(robots, self.shape, radius)
-        return Memory(seen, np.full(robots, -1, dtype=np.int64), np.zeros((robots, cells), dtype=np.uint8))
+        seen = BeliefMap.nothing(robots, self.shape, radius)
+        return ExplorerState(seen, np.full(robots, -1, dtype=np.int64), np.zeros((robots, cells), dtype=np.uint8))
 
     def _plan(self, margin: NDArray[np.float32], goals: Ints, settings: NDArray[np.float32]) -> NDArray[np.uint8]:
         self.network.eval()

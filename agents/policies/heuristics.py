@@ -90,7 +90,7 @@ def replanning(env: gymnasium.Env[Any, Any], seed: int | None = None) -> Replann
     return Replanner(_world_reader(env)(0).radio_map.grid.shape, radius)
 
 
-REFERENCES: dict[str, Callable[[gymnasium.Env[Any, Any], int | None], Policy]] = {
+REFERENCE_POLICIES: dict[str, Callable[[gymnasium.Env[Any, Any], int | None], Policy]] = {
     "oracle": oracle,
     "replanning": replanning,
     "greedy": greedy,

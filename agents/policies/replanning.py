@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
+class ReplannerState:
     """What a robot knows since its reset, and what it is about to do."""
 
     is_open: Bools  # (X, Y): not seen to be obstructed or below the target; the unknown is open
@@ -41,10 +41,10 @@ class Replanner:
     def predict(
         self,
         observation: Any,
-        state: Sequence[Memory] | None = None,
+        state: Sequence[ReplannerState] | None = None,
         episode_start: Any = None,
         deterministic: bool = False,
-    ) -> tuple[Ints, tuple[Memory, ...]]:
+    ) -> tuple[Ints, tuple[ReplannerState, ...]]:
         """Actions for one observation or a batch, and what was seen so far; see `agents.policies.policy.Policy`.
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
@@ -52,7 +52,7 @@ class Replanner:
         robots, goals = decode(observation, self.shape)
         seen = seen_feasible(observation, self.radius)
         views = seen.reshape(robots.size, *seen.shape[-2:])
-        olds: Sequence[Memory | None] = [None] * robots.size if state is None else state
+        olds: Sequence[ReplannerState | None] = [None] * robots.size if state is None else state
         if episode_start is not None:
             olds = [None if begins else old for old, begins in zip(olds, np.ravel(episode_start), strict=True)]
         each = zip(olds, robots.ravel().tolist(), goals.ravel().tolist(), views, strict=True)
@@ -60,7 +60,7 @@ class Replanner:
         actions = [memory.moves[memory.last] for memory in memories]
         return np.array(actions).reshape(robots.shape), memories
 
-    def _look(self, old: Memory | None, robot: int, goal: int, view: Bools) -> Memory:
+    def _look(self, old: ReplannerState | None, robot: int, goal: int, view: Bools) -> ReplannerState:
         """What the robot knows now, with a new plan where that differs from what it hoped for."""
         is_open = np.ones(self.shape, dtype=bool) if old is None else old.is_open.copy()
         i, j = divmod(robot, self.shape[1])
@@ -74,7 +74,7 @@ class Replanner:
             is_open[tuple(np.add((i, j), MOVES[old.moves[robot]]))] = False
         if old is not None and old.goal == goal and (is_open == old.is_open).all():
             return replace(old, last=robot)
-        return Memory(is_open, goal, self._plan(is_open, goal), robot)
+        return ReplannerState(is_open, goal, self._plan(is_open, goal), robot)
 
     def _plan(self, is_open: Bools, goal: int) -> Ints:
         """First moves of the shortest paths over open cells, shape ``(X * Y,)``."""

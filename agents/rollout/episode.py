@@ -14,7 +14,7 @@ TOLERANCE = 1e-9  # lengths are sums of floats: a path this much longer, in prop
 
 
 @dataclass(frozen=True, eq=False)
-class Episode:
+class EpisodeResult:
     """What a policy achieved in one episode.
 
     Attributes
@@ -87,7 +87,7 @@ def roll_out(
     deterministic: bool = True,
     seed: int | None = None,
     options: dict[str, Any] | None = None,
-) -> Episode:
+) -> EpisodeResult:
     """Play one episode of an `IrsNav-v0` or `IrsNavRandom-v0` made by `gymnasium.make`, which bounds its length."""
     is_masked = takes_masks(policy)
     observation, start = env.reset(seed=seed, options=options)
@@ -101,7 +101,7 @@ def roll_out(
         is_over, has_missed = is_terminated or is_truncated, has_missed or info["cost"] > 0
     robot: Any = env.unwrapped
     path = np.asarray(robot.path)
-    return Episode(
+    return EpisodeResult(
         is_success=info["is_success"],
         distance=info["distance"],
         oracle_distance=start["oracle_distance"],

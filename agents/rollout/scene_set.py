@@ -1,23 +1,23 @@
-"""`play`: the greedy episodes of a policy from the starts of all scenes of a pool at once."""
+"""`play_scene_set`: the greedy episodes of a policy from the starts of all scenes of a pool at once."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.networks.map_network import plan_pool
+from agents.networks.map_network import plan_scene_set
 from agents.policies.explorer_policy import Explorer
 from agents.policies.map_policy import MapPolicy
 from agents.policies.policy import Policy
 from irs_gym.datasets.random_task import RandomTask, build_worlds
-from irs_gym.datasets.scene_set import Pool
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import MOVES
 from irs_gym.mdp.task import Observation
-from irs_gym.vector.many_scenes import build_atlas
+from irs_gym.vector.many_scenes import build_many_scenes
 
 
 @dataclass(frozen=True, eq=False)
-class Episodes:
+class SceneSetResults:
     """What a policy achieved from the start of each of S scenes; arrays of shape ``(S,)``.
 
     Attributes
@@ -47,7 +47,9 @@ class Episodes:
         return float((self.distance / self.oracle_distance)[self.is_success].mean())
 
 
-def play(policy: Policy, pool: Pool, observation: Observation = "flat", max_steps: int | None = None) -> Episodes:
+def play_scene_set(
+    policy: Policy, pool: SceneSet, observation: Observation = "flat", max_steps: int | None = None
+) -> SceneSetResults:
     """Greedy episodes of a policy, one in each scene, as in `IrsNavRandom-v0` from the scenes' own starts.
 
     Parameters
@@ -68,13 +70,13 @@ def play(policy: Policy, pool: Pool, observation: Observation = "flat", max_step
     """
     max_steps = most_steps(pool) if max_steps is None else max_steps
     if isinstance(policy, MapPolicy):
-        return follow(plan_pool(policy.network, pool), pool, max_steps)
+        return follow(plan_scene_set(policy.network, pool), pool, max_steps)
     if isinstance(policy, Explorer):
         policy = replace(policy, shape=pool.shape)
-    return roll_out_pool(policy, pool, observation, max_steps)
+    return roll_out_scene_set(policy, pool, observation, max_steps)
 
 
-def most_steps(pool: Pool) -> int:
+def most_steps(pool: SceneSet) -> int:
     """Steps after which a scored episode ends: max(400, 5 (X + Y)) on maps of X x Y cells.
 
     The 400 are the environment's, which ends its own episodes after as many on maps of any size,
@@ -83,9 +85,9 @@ def most_steps(pool: Pool) -> int:
     return max(400, 5 * sum(pool.shape))
 
 
-def roll_out_pool(policy: Policy, pool: Pool, observation: Observation, max_steps: int) -> Episodes:
-    """Episodes of any policy step by step, one in each scene of a pool; see `play`."""
-    ground = build_atlas(build_worlds(RandomTask(scenes=pool, observation=observation)))
+def roll_out_scene_set(policy: Policy, pool: SceneSet, observation: Observation, max_steps: int) -> SceneSetResults:
+    """Episodes of any policy step by step, one in each scene of a pool; see `play_scene_set`."""
+    ground = build_many_scenes(build_worlds(RandomTask(scenes=pool, observation=observation)))
     scenes, packing = np.arange(len(pool)), ground.packing
     states, travelled = ground.states_of(scenes, pool.start, pool.goal), np.zeros(len(pool), dtype=np.complex128)
     memory, is_over, first = None, np.zeros(len(pool), dtype=bool), np.ones(len(pool), dtype=bool)
@@ -102,10 +104,10 @@ def roll_out_pool(policy: Policy, pool: Pool, observation: Observation, max_step
         is_over[asked[moving]] = outcome.is_terminated
         if is_over.all():
             break
-    return Episodes(is_over, travelled.real, pool.oracle_distance)
+    return SceneSetResults(is_over, travelled.real, pool.oracle_distance)
 
 
-def follow(logits: NDArray[np.float32], pool: Pool, max_steps: int | None = None) -> Episodes:
+def follow(logits: NDArray[np.float32], pool: SceneSet, max_steps: int | None = None) -> SceneSetResults:
     """Follow the likeliest moves in each scene of a pool, refused into cells that are not feasible.
 
     Parameters
@@ -127,7 +129,7 @@ def follow(logits: NDArray[np.float32], pool: Pool, max_steps: int | None = None
         steps[scenes, kind[scenes, cells[scenes]]] += 1
         cells[scenes] = ahead[scenes, cells[scenes]]
     distance = (steps[:, 1] + steps[:, 2] * np.sqrt(2.0)) * pool.cell_size
-    return Episodes(cells == goals, distance, pool.oracle_distance)
+    return SceneSetResults(cells == goals, distance, pool.oracle_distance)
 
 
 def _successors(moves: NDArray[np.int64], feasible: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -16,7 +16,7 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Entry(Record):
+class FileEntry(Record):
     """A file of the run, and the steps trained when it was written."""
 
     file: str = Field(pattern=r"^[\w-]+\.(zip|npz|pickle)$")
@@ -24,7 +24,7 @@ class Entry(Record):
     steps: int
 
 
-class _Arrays(Entry):
+class _Arrays(FileEntry):
     """The file of a model, which holds plain arrays."""
 
     @field_validator("file")
@@ -58,7 +58,7 @@ class Manifest(Record):
     commit: str | None
     files: dict[str, str] = {}  # SHA-256 of ``config.json`` and of the copies beside it, by their names
     models: dict[str, ModelEntry | GeneralistEntry] = {}
-    checkpoints: tuple[Entry, ...] = ()  # the newest first
+    checkpoints: tuple[FileEntry, ...] = ()  # the newest first
     error: str | None = None  # why the run has failed
     signature: str | None = None  # of all else here, with the key of the user who trains; see `agents.runs.signature`
 

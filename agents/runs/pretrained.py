@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError
 
 from agents.policies.explorer_policy import Explorer
 from agents.registry import GENERALISTS, LOCAL, observation_of
-from agents.rollout.episode import Episode, arguments_of, roll_out
+from agents.rollout.episode import EpisodeResult, arguments_of, roll_out
 from agents.runs import provenance
 from agents.runs.manifest import Config, Record
 from agents.runs.problem import Problem, problem_of
@@ -35,7 +35,7 @@ class PretrainedError(ValueError):
     """A pretrained model that is missing, damaged, or does not fit."""
 
 
-class Score(Record):
+class PretrainedScore(Record):
     """What a policy achieves from the fixed start; lengths in metres."""
 
     is_success: bool
@@ -48,12 +48,12 @@ class Score(Record):
     steps: int
 
     @classmethod
-    def of(cls, episode: Episode) -> "Score":
+    def of(cls, episode: EpisodeResult) -> "PretrainedScore":
         """The score of an episode."""
         return cls(**{name: getattr(episode, name) for name in cls.model_fields})
 
 
-class Entry(Record):
+class PretrainedEntry(Record):
     """A model: its file, where it comes from, and its score."""
 
     file: str = Field(pattern=r"^[\w.-]+\.npz$")
@@ -61,7 +61,7 @@ class Entry(Record):
     config: Config
     steps: int
     chosen_among: int  # runs of other seeds; the model is that of the best
-    score: Score
+    score: PretrainedScore
     versions: dict[str, str]
     commit: str | None
 
@@ -76,7 +76,7 @@ class Entry(Record):
         return problem_of(self.task)
 
 
-class GeneralistModel(Record):
+class GeneralistPretrainedEntry(Record):
     """A model that learned on many scenes: its file, where it comes from, and its score on validation scenes."""
 
     file: str = Field(pattern=r"^[\w.-]+\.npz$")
@@ -94,8 +94,8 @@ class Models(Record):
     """What ``models/manifest.json`` holds."""
 
     format_version: Literal[1] = 1
-    models: tuple[Entry, ...] = ()
-    generalists: tuple[GeneralistModel, ...] = ()
+    models: tuple[PretrainedEntry, ...] = ()
+    generalists: tuple[GeneralistPretrainedEntry, ...] = ()
 
     @classmethod
     def read(cls, folder: Path) -> "Models":
@@ -110,7 +110,7 @@ class Models(Record):
             where = ".".join(map(str, first["loc"])) or "the file"
             raise PretrainedError(f"{str(path)!r} is damaged: {where}: {first['msg']}") from None
 
-    def find_generalist(self, algorithm: str) -> GeneralistModel:
+    def find_generalist(self, algorithm: str) -> GeneralistPretrainedEntry:
         """The model of an algorithm that learned on many scenes; the `PretrainedError` for none lists all."""
         for entry in self.generalists:
             if entry.config.algorithm == algorithm:
@@ -118,7 +118,7 @@ class Models(Record):
         known = ", ".join(each.config.algorithm for each in self.generalists) or "none"
         raise PretrainedError(f"no pretrained {algorithm!r} for many scenes; there are {known}")
 
-    def find(self, algorithm: str, task: Task) -> Entry:
+    def find(self, algorithm: str, task: Task) -> PretrainedEntry:
         """The model of an algorithm for a task's problem; the `PretrainedError` for none lists all."""
         wanted = problem_of(task)
         for entry in self.models:
@@ -132,7 +132,7 @@ class Models(Record):
 class Pretrained:
     """A pretrained policy, for the environment of `make_env`."""
 
-    entry: Entry
+    entry: PretrainedEntry
     policy: Any
     """The policy of Stable-Baselines3, without its critic or target network."""
 
@@ -150,7 +150,7 @@ class Pretrained:
         arguments = arguments_of(self.entry.task)
         return gymnasium.make("irs_gym:IrsNav-v0", render_mode=render_mode, **arguments)
 
-    def play(self) -> Episode:
+    def play(self) -> EpisodeResult:
         """Its episode from the fixed start."""
         return roll_out(self, self.make_env())
 
@@ -159,7 +159,7 @@ class Pretrained:
 class PretrainedGeneralist:
     """A pretrained policy for scenes that it has never seen, as the environment of `make_env` shows them."""
 
-    entry: GeneralistModel
+    entry: GeneralistPretrainedEntry
     policy: Any
     """`agents.policies.map_policy.MapPolicy`, `agents.policies.explorer_policy.Explorer`, or a
     policy of Stable-Baselines3.
@@ -216,9 +216,9 @@ def load_pretrained(algorithm: str, *, folder: str | Path = MODELS, **env: Any) 
 
 def write_models(
     folder: Path,
-    entries: Sequence[Entry],
+    entries: Sequence[PretrainedEntry],
     contents: Mapping[str, bytes],
-    generalists: Sequence[GeneralistModel] = (),
+    generalists: Sequence[GeneralistPretrainedEntry] = (),
 ) -> None:
     """Write files by their names, then a manifest that lists all entries."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -228,7 +228,7 @@ def write_models(
     write_file(folder / "manifest.json", (manifest.model_dump_json(indent=1) + "\n").encode())
 
 
-def _read(entry: Entry | GeneralistModel, folder: Path) -> bytes:
+def _read(entry: PretrainedEntry | GeneralistPretrainedEntry, folder: Path) -> bytes:
     path = folder / entry.file
     content = path.read_bytes()
     digest = sha256(content).hexdigest()
@@ -237,7 +237,7 @@ def _read(entry: Entry | GeneralistModel, folder: Path) -> bytes:
     return content
 
 
-def _load(entry: Entry | GeneralistModel, task: Task | None, folder: Path) -> Any:
+def _load(entry: PretrainedEntry | GeneralistPretrainedEntry, task: Task | None, folder: Path) -> Any:
     content = _read(entry, folder)
     try:
         return load(entry.config, task, content)
@@ -245,7 +245,7 @@ def _load(entry: Entry | GeneralistModel, task: Task | None, folder: Path) -> An
         raise PretrainedError(f"{str(folder / entry.file)!r} is not loaded: {error}") from None
 
 
-def _load_generalist(entry: GeneralistModel, folder: Path, env: Mapping[str, Any]) -> PretrainedGeneralist:
+def _load_generalist(entry: GeneralistPretrainedEntry, folder: Path, env: Mapping[str, Any]) -> PretrainedGeneralist:
     is_local = entry.config.algorithm in LOCAL
     task = random_task_of({"split": "test", **env} if "scenes" not in env else dict(env))
     if "observation" in env and (env["observation"] == "map") is is_local:

@@ -31,7 +31,7 @@ from pydantic import ValidationError
 
 from agents.registry import GENERALISTS
 from agents.runs import provenance, signature, weights
-from agents.runs.manifest import Config, Entry, GeneralistEntry, Manifest, ModelEntry, Record
+from agents.runs.manifest import Config, FileEntry, GeneralistEntry, Manifest, ModelEntry, Record
 from irs_gym.files import read_file, write_file
 from irs_gym.mdp.task import Task, task_of
 from irs_gym.radio.radio_map import RadioMap, as_scene
@@ -251,11 +251,11 @@ class Run:
     def save_checkpoint(self, content: bytes, steps: int) -> None:
         """Write the state of the training after so many steps, and keep the one before it."""
         file = f"checkpoint-{steps}.pickle"
-        entry = Entry(file=file, sha256=self._write_hashed(file, content), steps=steps)
+        entry = FileEntry(file=file, sha256=self._write_hashed(file, content), steps=steps)
         older = [each for each in self.manifest.checkpoints if each.file != file]
         self.update(checkpoints=(entry, *older)[:CHECKPOINTS])
 
-    def rewind(self, checkpoint: Entry, models: Mapping[str, tuple[ModelEntry | GeneralistEntry, bytes]]) -> None:
+    def rewind(self, checkpoint: FileEntry, models: Mapping[str, tuple[ModelEntry | GeneralistEntry, bytes]]) -> None:
         """Go back to where a checkpoint was written, with the models that there were then."""
         for entry, content in models.values():
             write_file(self.folder / entry.file, content)
@@ -270,7 +270,7 @@ class Run:
             if re.fullmatch(r"\..+\.\d+(-[0-9a-f]+)?", path.name) and not path.is_dir():
                 path.unlink()
 
-    def read(self, entry: Entry) -> bytes:
+    def read(self, entry: FileEntry) -> bytes:
         """Content of a file that the manifest lists; raises `RunError` where it is missing or another."""
         return self._checked(entry.file, entry.sha256)
 

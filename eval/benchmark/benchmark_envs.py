@@ -15,9 +15,9 @@ from irs_gym.mdp.observation import build_observer
 
 ID = "irs_gym:IrsNav-v0"
 CYCLE = 401  # steps of a whole episode of IrsNav-v0 under random actions, the reset included
-Contenders = dict[str, tuple[str, Callable[[], Steps]]]  # by name: the package it needs, and how to prepare it
+BenchmarkEnvs = dict[str, tuple[str, Callable[[], Steps]]]  # by name: the package it needs, and how to prepare it
 
-SINGLE: Contenders = {
+SINGLE: BenchmarkEnvs = {
     "IrsNav-v0": ("irs_gym", lambda: single(ID)),
     "IrsNav-v0, flat": ("irs_gym", lambda: single(ID, observation="flat")),
     "CartPole-v1": ("gymnasium", lambda: single("CartPole-v1")),
@@ -27,7 +27,7 @@ SINGLE: Contenders = {
 }
 
 
-def vector(num_envs: int) -> Contenders:
+def vector(num_envs: int) -> BenchmarkEnvs:
     """Contenders that step ``num_envs`` environments at once."""
     same_step = {"autoreset_mode": "SameStep"}
     return {
@@ -44,7 +44,7 @@ def vector(num_envs: int) -> Contenders:
     }
 
 
-def prepare(contenders: Contenders) -> tuple[dict[str, Steps], dict[str, str]]:
+def prepare(contenders: BenchmarkEnvs) -> tuple[dict[str, Steps], dict[str, str]]:
     """The contenders whose package is installed, ready to run; and the packages of those left out, by name."""
     ready, left_out = {}, {}
     for name, (package, make) in contenders.items():

@@ -24,7 +24,7 @@ FRAMES = 20  # of an episode
 
 
 @dataclass(frozen=True)
-class Cost:
+class EventCost:
     """What something takes.
 
     Attributes
@@ -40,7 +40,7 @@ class Cost:
     dijkstra_runs: float | None = None
 
 
-def resets(repeats: int) -> list[Cost]:
+def resets(repeats: int) -> list[EventCost]:
     """Resets of one environment and of 1,024, with old and new starts and goals."""
     env = gymnasium.make(ID)
     cells = _cells(env)
@@ -57,7 +57,7 @@ def resets(repeats: int) -> list[Cost]:
     ]
 
 
-def frames(repeats: int) -> list[Cost]:
+def frames(repeats: int) -> list[EventCost]:
     """Pictures of 512 px: the first of an episode, and those after it."""
     env = gymnasium.make(ID, render_mode="rgb_array")
     cells, firsts, laters = _cells(env), [], []
@@ -69,21 +69,24 @@ def frames(repeats: int) -> list[Cost]:
             _, _, is_over, _, info = env.step(env.action_space.sample(mask=info["action_mask"]))
             laters.append(_seconds(env.render))
             count += 1
-    return [Cost("first frame of an episode", Spread.of(firsts)), Cost("each frame after it", Spread.of(laters))]
+    return [
+        EventCost("first frame of an episode", Spread.of(firsts)),
+        EventCost("each frame after it", Spread.of(laters)),
+    ]
 
 
-def imports(repeats: int) -> list[Cost]:
+def imports(repeats: int) -> list[EventCost]:
     """Imports in a new Python each, of this package and, for comparison, of Gymnasium alone."""
     return [
-        Cost(f"import {package}", Spread.of([_import_seconds(package) for _ in range(repeats)]))
+        EventCost(f"import {package}", Spread.of([_import_seconds(package) for _ in range(repeats)]))
         for package in ("irs_gym", "gymnasium")
     ]
 
 
-def _reset(what: str, repeats: int, reset: Callable[[], Any]) -> Cost:
+def _reset(what: str, repeats: int, reset: Callable[[], Any]) -> EventCost:
     with mock.patch.object(shortest_path, "dijkstra", wraps=shortest_path.dijkstra) as runs:
         seconds = [_seconds(reset) for _ in range(repeats)]
-    return Cost(what, Spread.of(seconds), runs.call_count / repeats)
+    return EventCost(what, Spread.of(seconds), runs.call_count / repeats)
 
 
 def _cells(env: gymnasium.Env[Any, Any]) -> Iterator[Cell]:

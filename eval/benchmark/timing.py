@@ -1,4 +1,6 @@
-"""`race`: rates of several contenders, taken in turns, so that whatever else the machine does meets them all alike."""
+"""`time_in_turns`: rates of several contenders, taken in turns, so that whatever else the machine
+does meets them all alike.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -39,7 +41,7 @@ class Rates:
         return Spread.of([a / b for a, b in zip(self.by_name[name], self.by_name[other], strict=True)])
 
 
-def race(contenders: dict[str, Steps], rounds: int, seconds: float) -> Rates:
+def time_in_turns(contenders: dict[str, Steps], rounds: int, seconds: float) -> Rates:
     """Time each contender for about ``seconds`` in each of the rounds.
 
     Raises

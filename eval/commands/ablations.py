@@ -11,9 +11,9 @@ from tyro.conf import Positional, arg
 from agents.rollout.episode import evaluation_env
 from eval.commands.board import build, commands_of
 from eval.markdown import page, table, text
-from eval.scoreboard.page import count_of, origin, standings_table
+from eval.scoreboard.page import count_of, origin, seed_scores_table
 from eval.scoreboard.results import find_runs, read_results
-from eval.scoreboard.return_variance import DETOUR, Outlook, outlooks
+from eval.scoreboard.return_variance import DETOUR, ReturnVariance, return_variances
 from irs_gym.files import write_file
 
 FIGURES = "figures/ablations"
@@ -73,7 +73,7 @@ def main(
         board, pictures = build(results, left_out, episodes=1, seed=0)  # of the references, which the page leaves out
         board["commands"] = commands_of("ablations", trained_by)
         world = evaluation_env(results[0].run.task).unwrapped.world  # type: ignore[attr-defined]
-        found = outlooks(world, GAMMAS)
+        found = return_variances(world, GAMMAS)
         (out / FIGURES).mkdir(parents=True, exist_ok=True)
         curves = {name: picture for name, picture in pictures.items() if name.endswith("-curves.png")}
         for name, picture in curves.items():
@@ -88,7 +88,7 @@ def main(
     return 0
 
 
-def markdown(board: Mapping[str, Any], figures: Sequence[str], found: Sequence[Outlook]) -> str:
+def markdown(board: Mapping[str, Any], figures: Sequence[str], found: Sequence[ReturnVariance]) -> str:
     """The page of a board over variants on one problem (see `eval.commands.board.build`), and of
     the problem's outlooks.
     """
@@ -103,7 +103,7 @@ def markdown(board: Mapping[str, Any], figures: Sequence[str], found: Sequence[O
     )
     return page(
         introduction,
-        standings_table(standings),
+        seed_scores_table(standings),
         WORTH,
         _worth(standings),
         *(f"![Learning curves of the variants]({FIGURES}/{name})" for name in figures),
@@ -112,7 +112,7 @@ def markdown(board: Mapping[str, Any], figures: Sequence[str], found: Sequence[O
     )
 
 
-def discounts_section(oracle_distance: float, found: Sequence[Outlook]) -> str:
+def discounts_section(oracle_distance: float, found: Sequence[ReturnVariance]) -> str:
     """What the discount does to the problem itself, whoever learns it."""
     question = QUESTION.format(detour=DETOUR, metres=DETOUR * oracle_distance)
     return page(question, _outlooks(found), ANSWER)
@@ -130,7 +130,7 @@ def _worth(standings: Sequence[Mapping[str, Any]]) -> str:
     return table(("variant", "times the default's steps", "seeds at the optimum"), rows)
 
 
-def _outlooks(found: Sequence[Outlook]) -> str:
+def _outlooks(found: Sequence[ReturnVariance]) -> str:
     heads = (
         "discount", "best path over the oracle's", "longer from", "scatter of the return, metres", "returns to average",
     )  # fmt: skip

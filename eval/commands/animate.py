@@ -13,7 +13,7 @@ from PIL import Image
 from tyro.conf import Positional, arg
 
 from agents.rollout.episode import roll_out
-from eval.load_policy import AT_HOME, Cast, Place, cast
+from eval.load_policy import AT_HOME, LoadedPolicy, Place, load_policy
 from irs_gym.files import write_file
 
 LAST_MS = 2000  # the last frame stays
@@ -47,7 +47,7 @@ def main(
     """
     try:
         check_fps(fps)
-        found = cast(policy, place, "rgb_array", model=model, seed=seed)
+        found = load_policy(policy, place, "rgb_array", model=model, seed=seed)
         path = out or (Path(policy, "animation.gif") if Path(policy).is_dir() else Path(f"{Path(policy).stem}.gif"))
         frames, summary = film(found)
         write_file(path, as_gif(frames, fps))
@@ -64,7 +64,7 @@ def check_fps(fps: int) -> None:
         raise ValueError(f"fps={fps} must be an integer from 1 to 50")
 
 
-def film(found: Cast) -> tuple[list[NDArray[np.uint8]], str]:
+def film(found: LoadedPolicy) -> tuple[list[NDArray[np.uint8]], str]:
     """Pictures of an episode, the first before any move, and what came of it in words."""
     camera: Any = RenderCollection(found.env)
     episode = roll_out(found.policy, camera, options=found.options)

@@ -11,18 +11,18 @@ from typing import Annotated, Any, Literal
 from rich.progress import track
 from tyro.conf import Positional, arg
 
-from agents.rollout.episode import Episode, evaluation_env
+from agents.rollout.episode import EpisodeResult, evaluation_env
 from agents.runs import provenance
 from agents.runs.problem import Problem
 from agents.runs.run_folder import Run
 from eval import statistics
 from eval.markdown import printable
 from eval.scoreboard.learning_curves import draw_curves
-from eval.scoreboard.overlay import draw_paths
+from eval.scoreboard.overlay import draw_path_overlay
 from eval.scoreboard.page import markdown
 from eval.scoreboard.report import html
 from eval.scoreboard.results import Group, LeftOut, Result, find_runs, read_results
-from eval.scoreboard.seed_scores import TITLES, Standing, finite, group_names, learned, overall, references
+from eval.scoreboard.seed_scores import TITLES, SeedScores, finite, group_names, learned, overall, references
 from irs_gym.files import write_file
 
 FIGURES = "figures/scoreboard"
@@ -137,7 +137,7 @@ def write(board: dict[str, Any], pictures: dict[str, bytes], folder: Path, out: 
     write_file(folder / "report.html", html(board, pictures).encode())
 
 
-def _draw(problem: Problem, oracle: Episode, found: dict[str, list[Result]]) -> dict[str, bytes]:
+def _draw(problem: Problem, oracle: EpisodeResult, found: dict[str, list[Result]]) -> dict[str, bytes]:
     """Learning curves of all seeds, and the path of the worst seed of each algorithm."""
     worst = {name: max(results, key=lambda each: each.rank) for name, results in found.items()}
     world = evaluation_env(next(iter(worst.values())).run.task).unwrapped.world  # type: ignore[attr-defined]
@@ -145,7 +145,7 @@ def _draw(problem: Problem, oracle: Episode, found: dict[str, list[Result]]) -> 
     curves = {name: [each.curve for each in results] for name, results in found.items()}
     return {
         f"{problem.slug}-curves.png": draw_curves(curves),
-        f"{problem.slug}-paths.png": draw_paths(world, {"oracle": oracle, **paths}, dpi=100, in_palette=True),
+        f"{problem.slug}-paths.png": draw_path_overlay(world, {"oracle": oracle, **paths}, dpi=100, in_palette=True),
     }
 
 
@@ -158,7 +158,7 @@ def _overall(by_group: dict[Group, list[Result]], names: dict[Group, str], probl
 
 
 def _problem_record(
-    problem: Problem, oracle: Episode, standings: Sequence[Standing], figures: Sequence[str]
+    problem: Problem, oracle: EpisodeResult, standings: Sequence[SeedScores], figures: Sequence[str]
 ) -> dict[str, Any]:
     return {
         "label": problem.label,

@@ -14,18 +14,18 @@ from tyro.conf import Positional, arg
 
 from agents.registry import observation_of
 from agents.rollout.episode import TOLERANCE, roll_out
-from agents.rollout.scene_set import Episodes
+from agents.rollout.scene_set import SceneSetResults
 from eval.commands.board import commands_of, origins
 from eval.scoreboard.results import LeftOut
 from eval.scoreboard.seed_scores import estimate_as_json
 from eval.statistics import estimate, paired_difference
 from eval.unseen.gallery import Scenery, choose, draw_gallery
 from eval.unseen.page import draw_scenes_curve, markdown
-from eval.unseen.policy_results import Entrant, Track, enter, enter_reference, find_generalists, pace
-from eval.unseen.scores import HARD, detours, paper_pool
+from eval.unseen.policy_results import PolicyResult, Track, find_generalists, pace, result_of_reference, result_of_runs
+from eval.unseen.scores import HARD, detours, paper_scene_set
 from eval.unseen.throughput import throughput
 from irs_gym.datasets.generator import Difficulty, generate_scene
-from irs_gym.datasets.scene_set import Pool, build_pool, pool_of
+from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
 from irs_gym.files import write_file
 
 FIGURES = "figures/generalisation"
@@ -34,7 +34,7 @@ LARGE = "ood-size"
 LARGEST = "160x160"
 LARGEST_SCENES = 20
 GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
-REFERENCES = ("replanning", "untrained_explorer", "greedy", "greedy_margin")
+PAGE_REFERENCES = ("replanning", "untrained_explorer", "greedy", "greedy_margin")
 
 
 def main(
@@ -72,13 +72,15 @@ def main(
         if not runs:
             raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
         torch.set_num_threads(1)  # of PyTorch in a run: more wait for each other
-        pools = {track: pools_of(track, num_scenes, min(num_scenes, local_large_scenes)) for track in ("map", "local")}
-        entrants, damaged = enter(runs, pools, jobs, "playing")
+        pools = {
+            track: page_scene_sets(track, num_scenes, min(num_scenes, local_large_scenes)) for track in ("map", "local")
+        }
+        entrants, damaged = result_of_runs(runs, pools, jobs, "playing")
         left_out += damaged
         if not entrants:
             reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
             raise ValueError(f"no run over many scenes below {str(folder)!r} can be played{reasons}")
-        entrants += [enter_reference(name, pools["local"], folder / "references") for name in REFERENCES]
+        entrants += [result_of_reference(name, pools["local"], folder / "references") for name in PAGE_REFERENCES]
         record = record_of(entrants, left_out, pools)
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
         figures = {"scenes.png": draw_scenes_curve(record["entrants"]), "gallery.png": gallery(entrants, pools)}
@@ -98,27 +100,27 @@ def main(
     return 0
 
 
-def pools_of(track: Track, num_scenes: int, local_large_scenes: int) -> dict[str, Pool]:
+def page_scene_sets(track: Track, num_scenes: int, local_large_scenes: int) -> dict[str, SceneSet]:
     """The sets that a track is scored on."""
     sizes = dict.fromkeys(SETS, num_scenes)
     if track == "local":
         sizes[LARGE] = local_large_scenes
-    found = {name: build_pool(name, size) for name, size in sizes.items()}
+    found = {name: build_scene_set(name, size) for name, size in sizes.items()}
     if track == "map":
-        found[LARGEST] = largest_pool(min(LARGEST_SCENES, num_scenes))
-    return {**found, "paper": paper_pool()}
+        found[LARGEST] = largest_scene_set(min(LARGEST_SCENES, num_scenes))
+    return {**found, "paper": paper_scene_set()}
 
 
 @lru_cache(maxsize=1)
-def largest_pool(scenes: int) -> Pool:
+def largest_scene_set(scenes: int) -> SceneSet:
     """Scenes of four times the usual sides, with as many boxes for the area: maps of 112 to 160 cells a side."""
     level = Difficulty(sides=(56.0, 80.0), boxes=(48, 192))
     drawn = [generate_scene(np.random.default_rng([160, n]), level) for n in range(scenes)]
-    return pool_of(drawn, [f"large-{n}" for n in range(scenes)], frame=(160, 160))
+    return scene_set_of(drawn, [f"large-{n}" for n in range(scenes)], frame=(160, 160))
 
 
 def record_of(
-    entrants: Sequence[Entrant], left_out: Sequence[LeftOut], pools: Mapping[Track, Mapping[str, Pool]]
+    entrants: Sequence[PolicyResult], left_out: Sequence[LeftOut], pools: Mapping[Track, Mapping[str, SceneSet]]
 ) -> dict[str, Any]:
     """All that the page tells, as JSON holds it."""
     rival = next(each for each in entrants if each.algorithm == "replanning")
@@ -133,7 +135,7 @@ def record_of(
     }
 
 
-def gallery(entrants: Sequence[Entrant], pools: Mapping[Track, Mapping[str, Pool]]) -> bytes:
+def gallery(entrants: Sequence[PolicyResult], pools: Mapping[Track, Mapping[str, SceneSet]]) -> bytes:
     """Four test scenes of one policy in a row: two long detours that it mastered, and its two worst."""
     sceneries = []
     shown = [next((each for each in entrants if each.algorithm == name), None) for name in GALLERY]
@@ -150,11 +152,11 @@ def gallery(entrants: Sequence[Entrant], pools: Mapping[Track, Mapping[str, Pool
     return draw_gallery(sceneries)
 
 
-def _set_record(pool: Pool) -> dict[str, Any]:
+def _set_record(pool: SceneSet) -> dict[str, Any]:
     return {"scenes": len(pool), "cells": list(pool.shape), "hard": int((detours(pool) > HARD).sum())}
 
 
-def _entrant_record(entrant: Entrant, pools: Mapping[str, Pool], rival: Entrant) -> dict[str, Any]:
+def _entrant_record(entrant: PolicyResult, pools: Mapping[str, SceneSet], rival: PolicyResult) -> dict[str, Any]:
     return {
         "algorithm": entrant.algorithm,
         "name": entrant.name,
@@ -170,7 +172,7 @@ def _entrant_record(entrant: Entrant, pools: Mapping[str, Pool], rival: Entrant)
     }
 
 
-def _results(entrant: Entrant, name: str, pool: Pool, rival: Entrant | None) -> dict[str, Any]:
+def _results(entrant: PolicyResult, name: str, pool: SceneSet, rival: PolicyResult | None) -> dict[str, Any]:
     """Success, SPL and the ratio over successes, over seeds, on all scenes and on the hard ones."""
     success = entrant.table(name, lambda each: each.is_success)
     spl = entrant.table(name, lambda each: each.spl)
@@ -195,11 +197,11 @@ def _results(entrant: Entrant, name: str, pool: Pool, rival: Entrant | None) -> 
     return found
 
 
-def _paper(entrant: Entrant, pool: Pool) -> list[dict[str, Any]]:
+def _paper(entrant: PolicyResult, pool: SceneSet) -> list[dict[str, Any]]:
     """The paper's scene at each of its targets: seeds that reached the goal, and the mean ratio of these."""
 
     def told(n: int) -> dict[str, Any]:
-        each: list[Episodes] = [some for some in entrant.episodes["paper"] if some.is_success[n]]
+        each: list[SceneSetResults] = [some for some in entrant.episodes["paper"] if some.is_success[n]]
         ratios = [float(some.distance[n] / some.oracle_distance[n]) for some in each]
         return {
             "target_db": float(pool.target_db[n]),
@@ -212,7 +214,7 @@ def _paper(entrant: Entrant, pool: Pool) -> list[dict[str, Any]]:
     return [told(n) for n in range(len(pool))]
 
 
-def _pace(entrant: Entrant) -> dict[str, float | None]:
+def _pace(entrant: PolicyResult) -> dict[str, float | None]:
     """Medians over runs, tests included: seconds, and steps a second; in imitation of whole maps, scenes a second."""
     if not entrant.runs:
         return {"steps_per_second": None, "seconds": None}

@@ -61,7 +61,7 @@ def main(
         )
         env = HumanRendering(pictures)
         print(KEYS)
-        play(env, seed)
+        play_by_keyboard(env, seed)
     except DependencyNotInstalled:
         print("python -m eval play: the window needs pygame: pip install pygame-ce", file=sys.stderr)
         return 2
@@ -72,7 +72,7 @@ def main(
     return 0
 
 
-def play(env: gymnasium.Env[Any, Any], seed: int | None = None, tell: Callable[[str], Any] = print) -> None:
+def play_by_keyboard(env: gymnasium.Env[Any, Any], seed: int | None = None, tell: Callable[[str], Any] = print) -> None:
     """Play episodes until the window is closed; ``tell`` is told of each that ends.
 
     Raises

@@ -11,7 +11,15 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from agents.rollout.episode import arguments_of
-from agents.runs.pretrained import MODELS, Entry, GeneralistModel, Models, Score, load_pretrained, write_models
+from agents.runs.pretrained import (
+    MODELS,
+    GeneralistPretrainedEntry,
+    Models,
+    PretrainedEntry,
+    PretrainedScore,
+    load_pretrained,
+    write_models,
+)
 from agents.runs.problem import Problem
 from agents.runs.run_folder import Run
 from eval.scoreboard.results import Result, find_runs, read_results
@@ -99,7 +107,7 @@ def choose(results: Sequence[Result]) -> list[tuple[Result, int]]:
     return sorted(best, key=lambda pair: (pair[0].config.algorithm, pair[0].problem.order))
 
 
-def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
+def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntry]:
     """Write the models and their manifest, and play each from its file; returns the entries written.
 
     Raises
@@ -112,13 +120,13 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
     entries, contents = [], {}
     for result, count in chosen:
         manifest, content = result.run.manifest, result.run.read_model()
-        entry = Entry(
+        entry = PretrainedEntry(
             file=f"{result.config.algorithm}-{result.problem.slug}.npz",
             sha256=manifest.models["best"].sha256,
             config=result.config,
             steps=manifest.models["best"].steps,
             chosen_among=count,
-            score=Score.of(result.episode),
+            score=PretrainedScore.of(result.episode),
             versions=manifest.versions,
             commit=manifest.commit,
         )
@@ -130,12 +138,14 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[Entry]:
     write_models(out, both, contents, Models.read(out).generalists)
     for entry in entries:
         found = load_pretrained(entry.config.algorithm, folder=out, **arguments_of(entry.task)).play()
-        if Score.of(found) != entry.score:
-            raise ValueError(f"{entry.file} does not do what its run did: {Score.of(found)} is not {entry.score}")
+        if PretrainedScore.of(found) != entry.score:
+            raise ValueError(
+                f"{entry.file} does not do what its run did: {PretrainedScore.of(found)} is not {entry.score}"
+            )
     return entries
 
 
-def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistModel]:
+def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistPretrainedEntry]:
     """Write the best model of each algorithm over many scenes, and the manifest; returns the entries written.
 
     Raises
@@ -155,7 +165,7 @@ def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistModel]:
         manifest, content = best.manifest, best.read_model()
         model = manifest.models["best"]
         entries.append(
-            GeneralistModel(
+            GeneralistPretrainedEntry(
                 file=f"{algorithm}.npz",
                 sha256=model.sha256,
                 config=best.config,
@@ -180,7 +190,7 @@ def _rank(run: Run) -> tuple[float, int, int]:
     return run.manifest.models["best"].spl, run.config.env["num_scenes"], -run.config.seed
 
 
-def _table(entries: Sequence[Entry], out: Path) -> Table:
+def _table(entries: Sequence[PretrainedEntry], out: Path) -> Table:
     rows = Table(caption=f"written to {out}")
     for column in ("file", "KiB", "seed", "of", "steps", "metres", "ratio"):
         rows.add_column(column, justify="left" if column == "file" else "right")

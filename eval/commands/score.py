@@ -16,16 +16,24 @@ from tyro.conf import Positional, arg
 from agents.policies.model_file import read_network
 from agents.registry import GENERALISTS
 from agents.rollout.episode import evaluation_env
-from agents.rollout.scene_set import play as play_pool
+from agents.rollout.scene_set import play_scene_set as play_pool
 from agents.runs import provenance
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
-from eval.scoreboard.overlay import draw_paths
+from eval.scoreboard.overlay import draw_path_overlay
 from eval.scoreboard.results import LeftOut
-from eval.scoreboard.score import Score, play, score
-from eval.unseen.scores import REFERENCES as UNSEEN_REFERENCES
-from eval.unseen.scores import Player, player_of, pools_of, reference, score_unseen, unseen_table, write_unseen
-from irs_gym.datasets.scene_set import Pool
+from eval.scoreboard.score import PolicyScore, play_references, score
+from eval.unseen.scores import (
+    UNSEEN_REFERENCES,
+    Player,
+    player_of,
+    reference,
+    scene_sets_of,
+    score_unseen,
+    unseen_table,
+    write_unseen,
+)
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.files import write_file
 
 
@@ -77,7 +85,7 @@ def main(
         ]
         if env == "IrsNav-v0" and any(isinstance(each, Player) for each in opened.values()):
             raise ValueError("env='IrsNav-v0' plays run folders alone, with all reference policies beside them")
-        pools = pools_of(split, num_scenes, scenes) if any(is_unseen) else {}
+        pools = scene_sets_of(split, num_scenes, scenes) if any(is_unseen) else {}
     except (OSError, ValueError) as error:
         print(f"python -m eval score: {error}", file=sys.stderr)
         return 2
@@ -120,7 +128,7 @@ def _open(name: str) -> Run | Player:
     return Run.open(name)
 
 
-def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
+def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScore]:
     """Score one run: prints the table, writes ``scores.json`` and ``paths.png``, and returns the table's rows.
 
     Raises
@@ -131,7 +139,7 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
         Where the run is damaged; the message names the file.
     """
     env = evaluation_env(run.task)
-    played = play(env, {run.config.algorithm: run.load_model(model)}, episodes, seed)
+    played = play_references(env, {run.config.algorithm: run.load_model(model)}, episodes, seed)
     scores = [score(name, each) for name, each in played.items()]
     entry = run.manifest.models[model]
     learned = played[run.config.algorithm][0]
@@ -148,14 +156,14 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[Score]:
     write_file(run.folder / "scores.json", (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
     paths = {"oracle": played["oracle"][0], run.config.algorithm.upper(): learned}
     world = env.unwrapped.world  # type: ignore[attr-defined]
-    write_file(run.folder / "paths.png", draw_paths(world, paths))
+    write_file(run.folder / "paths.png", draw_path_overlay(world, paths))
     print(f"{run.folder}: {model} model, after {entry.steps:,} steps, at {world.target_db:g} dB")
     Console().print(table(scores))
     print(f"written: {run.folder / 'scores.json'} and paths.png beside it")
     return scores
 
 
-def score_generalist(run: Run, model: str, pools: dict[str, Pool]) -> None:
+def score_generalist(run: Run, model: str, pools: dict[str, SceneSet]) -> None:
     """Score one run on sets of unseen scenes: prints the table and writes ``unseen.json``.
 
     Raises
@@ -172,7 +180,7 @@ def score_generalist(run: Run, model: str, pools: dict[str, Pool]) -> None:
     print(f"written: {path}")
 
 
-def table(scores: Sequence[Score]) -> Table:
+def table(scores: Sequence[PolicyScore]) -> Table:
     """The scores as a table for the terminal."""
     rows = Table(caption="metres, ratio to the oracle's: means over successes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     rows.add_column("policy", no_wrap=True)

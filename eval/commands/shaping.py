@@ -12,7 +12,7 @@ from eval.markdown import page, table
 from eval.scoreboard.return_variance import best_ratios, count_longer
 from irs_gym.datasets.generator import CELL_SIZE
 from irs_gym.datasets.random_task import RandomTask, build_worlds
-from irs_gym.datasets.scene_set import build_pool
+from irs_gym.datasets.scene_set import build_scene_set
 from irs_gym.files import write_file
 from irs_gym.grid import Cell
 from irs_gym.mdp.task import Task, World, build_world
@@ -115,7 +115,7 @@ def spirals_section() -> str:
 
 def generated_worlds(scenes: int) -> Iterable[World]:
     """Worlds of the first scenes of the test split."""
-    worlds = build_worlds(RandomTask(scenes=build_pool("test", scenes)))
+    worlds = build_worlds(RandomTask(scenes=build_scene_set("test", scenes)))
     return track((worlds.world(n) for n in range(len(worlds))), "scenes", total=len(worlds), transient=True)
 
 

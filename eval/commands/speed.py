@@ -15,15 +15,15 @@ from rich.console import Console
 
 from agents.runs import provenance
 from eval.benchmark import costs
-from eval.benchmark.benchmark_envs import ID, SINGLE, Contenders, prepare, vector
-from eval.benchmark.costs import Cost
+from eval.benchmark.benchmark_envs import ID, SINGLE, BenchmarkEnvs, prepare, vector
+from eval.benchmark.costs import EventCost
 from eval.benchmark.page import markdown, tables
-from eval.benchmark.timing import Rates, race
+from eval.benchmark.timing import Rates, time_in_turns
 from irs_gym.files import write_file
 
 OURS = "IrsNav-v0"
 PEERS = ("minigrid", "mobile-env", "envpool", "navix", "jumanji", "jax")
-RACES: dict[str, Contenders] = {
+RACES: dict[str, BenchmarkEnvs] = {
     "one environment": SINGLE,
     "1,024 environments": vector(1024),
     "64 environments": vector(64),
@@ -96,7 +96,7 @@ def measure(rounds: int, seconds: float, repeats: int) -> dict[str, Any]:
     for title, contenders in RACES.items():
         print(f"timing {title} ...", file=sys.stderr)
         ready, left_out[title] = prepare(contenders)
-        rates[title] = race(ready, rounds, seconds)
+        rates[title] = time_in_turns(ready, rounds, seconds)
     print("timing resets, frames and imports ...", file=sys.stderr)
     found = {
         "resets": costs.resets(repeats),
@@ -116,7 +116,7 @@ def measure(rounds: int, seconds: float, repeats: int) -> dict[str, Any]:
     }
 
 
-def judge(rates: dict[str, Rates], found: list[Cost]) -> list[Bar]:
+def judge(rates: dict[str, Rates], found: list[EventCost]) -> list[Bar]:
     """Each bar, and whether the median of the measurements meets it."""
     bars = []
     for title, other, least in RATIOS:

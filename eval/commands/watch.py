@@ -15,9 +15,9 @@ from rich.live import Live
 from rich.text import Text
 from tyro.conf import Positional, arg
 
-from agents.rollout.episode import Episode, roll_out
+from agents.rollout.episode import EpisodeResult, roll_out
 from eval.commands.animate import as_gif, check_fps, film
-from eval.load_policy import AT_HOME, Cast, Place, cast
+from eval.load_policy import AT_HOME, LoadedPolicy, Place, load_policy
 from irs_gym.files import write_file
 
 LAST_LINES = 2  # of a frame in text: its legend
@@ -51,7 +51,7 @@ def main(
     """
     try:
         check_fps(fps)
-        found = cast(policy, place, "rgb_array" if gif or human else "ansi", seed=seed)
+        found = load_policy(policy, place, "rgb_array" if gif or human else "ansi", seed=seed)
         if gif:
             frames, _ = film(found)
             write_file(gif, as_gif(frames, fps))
@@ -69,7 +69,7 @@ def main(
     return 0
 
 
-def show(found: Cast, fps: int) -> Episode:
+def show(found: LoadedPolicy, fps: int) -> EpisodeResult:
     """Play an episode in the terminal; where the output goes elsewhere, only the last frame is written."""
     console, policy, env = Console(), found.policy, found.env
     if not console.is_terminal:
@@ -89,7 +89,7 @@ def show(found: Cast, fps: int) -> Episode:
     return episode
 
 
-def show_in_window(found: Cast, fps: int) -> Episode:
+def show_in_window(found: LoadedPolicy, fps: int) -> EpisodeResult:
     """Play an episode in a window, which stays open for a second."""
     found.env.metadata = {**found.env.metadata, "render_fps": fps}
     window = HumanRendering(found.env)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eval.markdown import Promise, page, picture, promises, table
-from eval.paper.scaling import LEFT_OUT, TARGET_DB, Cost
+from eval.paper.scaling import LEFT_OUT, TARGET_DB, ScalingCost
 from eval.paper.study import CONTINUOUS, ONE_BIT, SCHEMES, THREE_BIT, TWO_BIT, Study
 
 
@@ -107,7 +107,7 @@ A measured or traced map serves in place of the closed form (`RadioMap.from_arra
 # --- cost ------------------------------------------------------------------------------------------------------------
 
 
-def cost_promises(costs: Sequence[Cost]) -> list[Promise]:
+def cost_promises(costs: Sequence[ScalingCost]) -> list[Promise]:
     """What we say of time and memory."""
     maps = [cost for cost in costs if cost.task.startswith("map")]
     paths = [cost for cost in costs if cost.distance is not None]
@@ -130,17 +130,17 @@ def cost_promises(costs: Sequence[Cost]) -> list[Promise]:
     ]
 
 
-def _growth(costs: Sequence[Cost]) -> float:
+def _growth(costs: Sequence[ScalingCost]) -> float:
     """Exponent of time over cells, up to the largest map from the one after the smallest, which is all overhead."""
     ordered = sorted(costs, key=lambda cost: cost.cells)
     first, last = ordered[1], ordered[-1]
     return log(last.seconds / first.seconds) / log(last.cells / first.cells)
 
 
-def cost_section(machine: dict[str, Any], costs: Sequence[Cost]) -> str:
+def cost_section(machine: dict[str, Any], costs: Sequence[ScalingCost]) -> str:
     """Time and memory over the number of cells."""
     sizes = sorted({cost.cells for cost in costs if cost.cells})
-    by_task: dict[str, dict[int, Cost]] = {}
+    by_task: dict[str, dict[int, ScalingCost]] = {}
     for cost in costs:
         by_task.setdefault(cost.task, {})[cost.cells] = cost
     rows = [
@@ -162,7 +162,7 @@ def cost_section(machine: dict[str, Any], costs: Sequence[Cost]) -> str:
     )
 
 
-def _cell(task: str, cells: int, cost: Cost | None) -> str:
+def _cell(task: str, cells: int, cost: ScalingCost | None) -> str:
     if cost is None:
         return "left out: minutes" if (task, round(cells**0.5)) in LEFT_OUT else ""
     return f"{cost.seconds:.3g} s, {cost.peak_mib:.0f} MiB"

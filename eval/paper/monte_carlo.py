@@ -60,7 +60,7 @@ def estimate(batches: Iterable[Floats]) -> tuple[Floats, Floats, NDArray[np.int6
 # --- channels, drawn element by element ------------------------------------------------------------------------------
 
 
-def draw(link: Link, los_phases: Floats, rng: np.random.Generator) -> Complexes:
+def draw_channels(link: Link, los_phases: Floats, rng: np.random.Generator) -> Complexes:
     """Rician channels, eqs. (1) to (3), shape ``(BATCH, m)``: line of sight of the given phases, CN(0, 1) scatter."""
     scatter = rng.standard_normal((BATCH, 2 * len(los_phases))).view(np.complex128) / sqrt(2)
     return np.asarray(link.los_amplitude * np.exp(1j * los_phases) + np.sqrt(link.scattered_power) * scatter)
@@ -85,7 +85,7 @@ def draw_reflections(site: Channel, shifts: Floats, rng: np.random.Generator) ->
 
         ends = _of_one(cascade.ap_link), _of_one(cascade.robot_link)
         phases = [-wavenumber * (end.distance_m - elements @ end.direction) for end in ends]
-        sent, received = (draw(end, phase, rng) for end, phase in zip(ends, phases, strict=True))
+        sent, received = (draw_channels(end, phase, rng) for end, phase in zip(ends, phases, strict=True))
         total += (received * turned * sent).sum(axis=1)
         amplitude = float(ends[0].los_amplitude * ends[1].los_amplitude)
         los += amplitude * complex((np.exp(1j * (phases[0] + phases[1])) * turned).sum())
@@ -94,7 +94,7 @@ def draw_reflections(site: Channel, shifts: Floats, rng: np.random.Generator) ->
 
 def draw_gains(site: Channel, shifts: Floats, rng: np.random.Generator) -> Floats:
     """Draws of abs(c)^2, eq. (4), at one robot position, shape ``(BATCH,)``."""
-    direct = draw(_of_one(site.direct), site.direct_phase, rng)[:, 0]
+    direct = draw_channels(_of_one(site.direct), site.direct_phase, rng)[:, 0]
     return np.asarray(np.abs(direct + draw_reflections(site, shifts, rng)[0]) ** 2)
 
 

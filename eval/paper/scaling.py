@@ -1,4 +1,4 @@
-"""`Cost`: time and memory of maps and paths over the number of cells, other packages in the same run."""
+"""`ScalingCost`: time and memory of maps and paths over the number of cells, other packages in the same run."""
 
 import json
 import multiprocessing
@@ -25,7 +25,7 @@ MIB = 2**20
 
 
 @dataclass(frozen=True)
-class Cost:
+class ScalingCost:
     """Cost of one task.
 
     Attributes
@@ -141,7 +141,7 @@ LEFT_OUT = {("path, networkx", 1000)}  # minutes, and several GiB of Python obje
 # --- measurement -----------------------------------------------------------------------------------------------------
 
 
-def measure(task: str, side: int) -> Cost:
+def measure(task: str, side: int) -> ScalingCost:
     """Cost of a task on a map of ``side`` by ``side`` cells, in this process, which should be a fresh one."""
     run = TASKS[task](side)
     seconds, found = [], None
@@ -151,7 +151,7 @@ def measure(task: str, side: int) -> Cost:
         seconds.append(perf_counter() - began)
         if sum(seconds) > 20:
             break
-    return Cost(task, side * side, min(seconds), peak_memory() / MIB, found)
+    return ScalingCost(task, side * side, min(seconds), peak_memory() / MIB, found)
 
 
 def peak_memory() -> int:
@@ -190,7 +190,7 @@ def _processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def read_costs(path: Path) -> tuple[dict[str, Any], list[Cost]]:
+def read_costs(path: Path) -> tuple[dict[str, Any], list[ScalingCost]]:
     """Machine and costs from a file of `measure_all`'s results."""
     record = json.loads(path.read_text(encoding="utf-8"))
-    return record["machine"], [Cost(**cost) for cost in record["costs"]]
+    return record["machine"], [ScalingCost(**cost) for cost in record["costs"]]

@@ -1,4 +1,4 @@
-"""`draw_paths`: paths of policies over the radio map, as a PNG."""
+"""`draw_path_overlay`: paths of policies over the radio map, as a PNG."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,7 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
-from agents.rollout.episode import Episode
+from agents.rollout.episode import EpisodeResult
 from eval.pictures import add_legend, as_png
 from irs_gym.mdp.task import World
 
@@ -22,7 +22,9 @@ DASHES = ("--", ":", "-.")
 RIM = [patheffects.withStroke(linewidth=7.0, foreground="black")]
 
 
-def draw_paths(world: World, paths: Mapping[str, Episode], dpi: int = 150, *, in_palette: bool = False) -> bytes:
+def draw_path_overlay(
+    world: World, paths: Mapping[str, EpisodeResult], dpi: int = 150, *, in_palette: bool = False
+) -> bytes:
     """A picture of the map, the obstacles, the cells below the target, and paths, each with its length.
 
     The first path is drawn broadest, so that the others show on it. ``dpi`` and ``in_palette`` are

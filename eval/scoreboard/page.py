@@ -100,13 +100,13 @@ def _overall(board: Mapping[str, Any]) -> str:
 
 
 def _problem(problem: Mapping[str, Any], figures: str) -> str:
-    standings = standings_table(problem["standings"])
+    standings = seed_scores_table(problem["standings"])
     pictures = [f"![{_caption(name)}]({figures}/{name})\n\n*{_caption(name)}.*" for name in problem["figures"]]
     distance = f"The oracle needs {problem['oracle_distance']:.3f} m."
     return "\n\n".join([f"## {text(problem['label'])}", distance, standings, *pictures])
 
 
-def standings_table(standings: Sequence[Mapping[str, Any]]) -> str:
+def seed_scores_table(standings: Sequence[Mapping[str, Any]]) -> str:
     """Standings on one problem, one in a row."""
     return table(HEADS, [_row(each) for each in standings])
 

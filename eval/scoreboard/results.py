@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.registry import Algorithm
-from agents.rollout.episode import TOLERANCE, Episode, evaluation_env, roll_out
+from agents.rollout.episode import TOLERANCE, EpisodeResult, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.problem import Problem, problem_of
 from agents.runs.run_folder import Run, RunError
@@ -46,7 +46,7 @@ class Result:
     run: Run
     config: Config
     problem: Problem
-    episode: Episode
+    episode: EpisodeResult
     curve: Curve
 
     @property

@@ -1,4 +1,5 @@
-"""`Outlook`: what a discount makes of the returns on one problem, exactly: why similar routes are hard to tell apart.
+"""`ReturnVariance`: what a discount makes of the returns on one problem, exactly: why similar
+routes are hard to tell apart.
 
 `best_ratios` gives how far the path of the largest discounted return is from the shortest, from each start.
 
@@ -26,7 +27,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Outlook:
+class ReturnVariance:
     """Returns on one problem under one discount.
 
     Attributes
@@ -52,7 +53,7 @@ class Outlook:
     episodes: float
 
 
-def outlooks(world: World, gammas: Sequence[float]) -> list[Outlook]:
+def return_variances(world: World, gammas: Sequence[float]) -> list[ReturnVariance]:
     """The outlook from a world's start to its goal under each discount."""
     moves, start = transition(world, world.goal), int(np.ravel_multi_index(world.start, world.feasible.shape))
     shortest = float(tabulate(world, world.goal).distance_to_go[world.start])
@@ -61,7 +62,7 @@ def outlooks(world: World, gammas: Sequence[float]) -> list[Outlook]:
         ratios = best_ratios(world, gamma)
         spread = random_spread(moves, gamma, start)
         episodes = (spread / (DETOUR * shortest)) ** 2
-        found.append(Outlook(gamma, float(ratios[world.start]), count_longer(ratios), spread, episodes))
+        found.append(ReturnVariance(gamma, float(ratios[world.start]), count_longer(ratios), spread, episodes))
     return found
 
 

@@ -1,4 +1,6 @@
-"""`Score`: what a policy achieved over its episodes; `play`: the episodes of the reference policies."""
+"""`PolicyScore`: what a policy achieved over its episodes; `play_references`: the episodes of the
+reference policies.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,15 +9,15 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from agents.policies.heuristics import REFERENCES
+from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.policy import Policy
-from agents.rollout.episode import Episode, roll_out
+from agents.rollout.episode import EpisodeResult, roll_out
 
 RANDOM = ("masked_random", "random")  # judged by many episodes; from a fixed start the others always do the same
 
 
 @dataclass(frozen=True)
-class Score:
+class PolicyScore:
     """What a policy achieved over its episodes.
 
     Attributes
@@ -41,10 +43,10 @@ class Score:
     steps: float
 
 
-def score(policy: str, episodes: Sequence[Episode]) -> Score:
+def score(policy: str, episodes: Sequence[EpisodeResult]) -> PolicyScore:
     """Score of the policy of that name from its episodes, one or more."""
     successes = [each for each in episodes if each.is_success]
-    return Score(
+    return PolicyScore(
         policy=policy,
         episodes=len(episodes),
         success=len(successes) / len(episodes),
@@ -57,14 +59,14 @@ def score(policy: str, episodes: Sequence[Episode]) -> Score:
     )
 
 
-def play(
+def play_references(
     env: gymnasium.Env[Any, Any], learned: dict[str, Policy], episodes: int, seed: int
-) -> dict[str, list[Episode]]:
+) -> dict[str, list[EpisodeResult]]:
     """Episodes of each policy by its name: the oracle's, those of the learned policies, those of the other references.
 
     ``episodes`` is how many the random policies play; one is enough for all others.
     """
-    references = {name: make(env, seed) for name, make in REFERENCES.items()}
+    references = {name: make(env, seed) for name, make in REFERENCE_POLICIES.items()}
     policies = {"oracle": references.pop("oracle"), **learned, **references}
     return {
         name: [roll_out(policy, env) for _ in range(episodes if name in RANDOM else 1)]

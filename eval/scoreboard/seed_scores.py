@@ -1,4 +1,4 @@
-"""`Standing`: how the seeds of one algorithm, or a reference policy, did on one problem; and over all problems."""
+"""`SeedScores`: how the seeds of one algorithm, or a reference policy, did on one problem; and over all problems."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from agents.registry import Algorithm
-from agents.rollout.episode import Episode, evaluation_env
+from agents.rollout.episode import EpisodeResult, evaluation_env
 from eval.scoreboard.results import Group, Result
-from eval.scoreboard.score import RANDOM, play
+from eval.scoreboard.score import RANDOM, play_references
 from eval.statistics import Estimate, estimate, interquartile_mean, mean, median, optimality_gap, share
 
 TITLES: dict[Algorithm, str] = {
@@ -21,14 +21,14 @@ TITLES: dict[Algorithm, str] = {
     "q_learning": "Q-learning",
 }
 AGGREGATES = {"mean": mean, "iqm": interquartile_mean, "gap": optimality_gap}
-SCORES: dict[str, Callable[[Episode], float]] = {
+METRICS: dict[str, Callable[[EpisodeResult], float]] = {
     "spl": lambda episode: episode.spl,
     "soft_spl": lambda episode: episode.soft_spl,
 }
 
 
 @dataclass(frozen=True)
-class Standing:
+class SeedScores:
     """Estimates over seeds.
 
     Attributes
@@ -70,24 +70,24 @@ def finite(value: float) -> float | None:
     return None if isinf(value) else value
 
 
-def learned(name: str, results: Sequence[Result], left_out: int) -> Standing:
+def learned(name: str, results: Sequence[Result], left_out: int) -> SeedScores:
     """Standing of one group of runs; it has no estimates where all its runs are left out."""
     estimates = _of_episodes([each.episode for each in results]) if results else {}
     for clock in ("steps_to_optimum", "seconds_to_optimum") if results else ():
         estimates[clock] = estimate([getattr(each, clock) for each in results], median)
-    return Standing(name, "learned", tuple(each.seed for each in results), left_out, estimates)
+    return SeedScores(name, "learned", tuple(each.seed for each in results), left_out, estimates)
 
 
-def references(result: Result, episodes: int, seed: int) -> tuple[dict[str, Episode], list[Standing]]:
+def references(result: Result, episodes: int, seed: int) -> tuple[dict[str, EpisodeResult], list[SeedScores]]:
     """Each reference policy's first episode on the problem of a run, and its standing."""
     env = evaluation_env(result.run.task)
     first, standings = {}, []
-    for name, played in play(env, {}, episodes, seed).items():
+    for name, played in play_references(env, {}, episodes, seed).items():
         estimates = _of_episodes(played)
         if name not in RANDOM:
             estimates = {key: replace(each, low=None, high=None, note="") for key, each in estimates.items()}
         first[name] = played[0]
-        standings.append(Standing(name.replace("_", " "), "reference", tuple(range(len(played))), 0, estimates))
+        standings.append(SeedScores(name.replace("_", " "), "reference", tuple(range(len(played))), 0, estimates))
     return first, standings
 
 
@@ -101,7 +101,7 @@ def overall(name: str, groups: Sequence[Sequence[Result]], problems: int) -> dic
     found: dict[str, Any] = {"name": name, "problems": len(groups), "of": problems, "seeds": seeds}
     runs = [each for results in groups for each in results]
     found["at_optimum"] = {"runs": sum(each.episode.is_optimal for each in runs), "of": len(runs)}
-    for score, value in SCORES.items():
+    for score, value in METRICS.items():
         table = [[value(episodes[seed]) for episodes in by_seed] for seed in seeds]
         for aggregate, statistic in AGGREGATES.items():
             found[f"{score}_{aggregate}"] = estimate_as_json(estimate(table, statistic)) if seeds else None
@@ -129,14 +129,14 @@ def _differences(group: Group, other: Group) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name not in others or others[name] != value}
 
 
-def _of_episodes(episodes: Sequence[Episode]) -> dict[str, Estimate]:
+def _of_episodes(episodes: Sequence[EpisodeResult]) -> dict[str, Estimate]:
     estimates = {
         "success": share(sum(each.is_success for each in episodes), len(episodes)),
         "at_optimum": share(sum(each.is_optimal for each in episodes), len(episodes)),
         "ratio": estimate([inf if each.ratio is None else each.ratio for each in episodes], median),
         "refused": estimate([each.refused for each in episodes]),
     }
-    for score, value in SCORES.items():
+    for score, value in METRICS.items():
         values = np.array([value(each) for each in episodes])
         estimates |= {f"{score}_{name}": estimate(values, statistic) for name, statistic in AGGREGATES.items()}
     return estimates

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from agents.rollout.episode import Episode
+from agents.rollout.episode import EpisodeResult
 from eval.pictures import add_legend, as_png, literal
 from eval.scoreboard.overlay import BROAD, RIM, draw_ends, draw_map
 from irs_gym.mdp.task import World
@@ -22,7 +22,7 @@ class Scenery:
     policy: str
     scene: str
     world: World
-    episode: Episode
+    episode: EpisodeResult
     oracle: NDArray[np.int64]
 
 

@@ -1,4 +1,4 @@
-"""`Entrant`: a policy with what it did on each set of unseen scenes, over all its seeds."""
+"""`PolicyResult`: a policy with what it did on each set of unseen scenes, over all its seeds."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from agents.registry import LOCAL
-from agents.rollout.scene_set import Episodes
+from agents.rollout.scene_set import SceneSetResults
 from agents.runs.manifest import GeneralistEntry
 from agents.runs.run_folder import Run, RunError
 from eval.scoreboard.results import COMPLETE, SETTINGS_LENGTH, LeftOut, find_runs, read_curve
 from eval.unseen.scores import Player, player_of, reference
 from irs_gym.datasets.generator import VERSION
-from irs_gym.datasets.scene_set import Pool
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.files import read_arrays, write_file
 
 Track = Literal["map", "local"]
@@ -47,7 +47,7 @@ TITLES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Entrant:
+class PolicyResult:
     """Runs that differ in the seed alone, or a reference policy.
 
     Attributes
@@ -67,14 +67,14 @@ class Entrant:
     track: Track
     scenes: int | None
     runs: tuple[Run, ...]
-    episodes: Mapping[str, Sequence[Episodes]]
+    episodes: Mapping[str, Sequence[SceneSetResults]]
 
     @property
     def seeds(self) -> list[int]:
         """Of the runs."""
         return [run.config.seed for run in self.runs]
 
-    def table(self, name: str, value: Callable[[Episodes], NDArray[Any]]) -> NDArray[np.float64]:
+    def table(self, name: str, value: Callable[[SceneSetResults], NDArray[Any]]) -> NDArray[np.float64]:
         """A value of each episode in a set, ``(seeds, scenes)``."""
         return np.stack([value(each) for each in self.episodes[name]]).astype(np.float64)
 
@@ -108,16 +108,16 @@ def pace(run: Run) -> tuple[float, float]:
     return steps, seconds
 
 
-def enter(
-    runs: Sequence[Run], pools: Mapping[Track, Mapping[str, Pool]], jobs: int = 1, title: str | None = None
-) -> tuple[list[Entrant], list[LeftOut]]:
+def result_of_runs(
+    runs: Sequence[Run], pools: Mapping[Track, Mapping[str, SceneSet]], jobs: int = 1, title: str | None = None
+) -> tuple[list[PolicyResult], list[LeftOut]]:
     """Play all runs on the sets of their tracks, so many at a time; what was played before is read from their folders.
 
     What is but a point of the curve over training scenes plays the test scenes alone. A progress bar is shown where it
     has a title. A run that cannot be played is left out, whatever it raises.
     """
     in_order = sorted(runs, key=lambda run: run.config.seed)
-    groups: dict[tuple[str, str], list[tuple[Run, dict[str, Episodes]]]] = {}
+    groups: dict[tuple[str, str], list[tuple[Run, dict[str, SceneSetResults]]]] = {}
     left_out = []
     # PyTorch works outside of the interpreter's lock. Of its own threads one each is enough: more wait for each other.
     threads = ThreadPoolExecutor(jobs, initializer=partial(torch.set_num_threads, 1))
@@ -138,7 +138,7 @@ def enter(
     for (algorithm, settings), found in groups.items():
         others = [json.loads(other) for name, other in groups if name == algorithm]
         entrants.append(
-            Entrant(
+            PolicyResult(
                 algorithm=algorithm,
                 name=", ".join([TITLES[algorithm], *_differences(json.loads(settings), others)]),
                 track=track_of(algorithm),
@@ -152,11 +152,11 @@ def enter(
     return entrants, left_out
 
 
-def enter_reference(name: str, pools: Mapping[str, Pool], folder: Path) -> Entrant:
+def result_of_reference(name: str, pools: Mapping[str, SceneSet], folder: Path) -> PolicyResult:
     """Play a reference policy of the local track; what was played before is read from the folder."""
     player = reference(name)
     episodes = {each: [kept(folder / f"{name}-{each}.npz", pool, "", player)] for each, pool in pools.items()}
-    return Entrant(name, TITLES[name], "local", None, (), episodes)
+    return PolicyResult(name, TITLES[name], "local", None, (), episodes)
 
 
 def is_point(algorithm: str, scenes: int | None) -> bool:
@@ -169,7 +169,7 @@ def track_of(algorithm: str) -> Track:
     return "local" if algorithm in LOCAL else "map"
 
 
-def kept(file: Path, pool: Pool, model: str, player: Player) -> Episodes:
+def kept(file: Path, pool: SceneSet, model: str, player: Player) -> SceneSetResults:
     """Episodes from a file, if they are those of this model, generator and pool; else played, and written there."""
     names = json.dumps([VERSION, model, pool.names]).encode()
     key = sha256(names + pool.oracle_distance.tobytes()).hexdigest()
@@ -183,7 +183,7 @@ def kept(file: Path, pool: Pool, model: str, player: Player) -> Episodes:
     return found
 
 
-def _read_episodes(file: Path, key: str, pool: Pool) -> Episodes | None:
+def _read_episodes(file: Path, key: str, pool: SceneSet) -> SceneSetResults | None:
     """Episodes from a file with that key; None where there is none, another's, or a damaged one."""
     try:
         arrays = read_arrays(file, needed=("key", "is_success", "distance"))
@@ -198,7 +198,7 @@ def _read_episodes(file: Path, key: str, pool: Pool) -> Episodes | None:
         return None
     if arrays["key"].tolist() != key:
         return None
-    return Episodes(is_success, distance, pool.oracle_distance)
+    return SceneSetResults(is_success, distance, pool.oracle_distance)
 
 
 def _check(run: Run) -> None:
@@ -212,7 +212,7 @@ def _check(run: Run) -> None:
     pace(run)
 
 
-def _play(run: Run, pools: Mapping[str, Pool]) -> dict[str, Episodes]:
+def _play(run: Run, pools: Mapping[str, SceneSet]) -> dict[str, SceneSetResults]:
     if is_point(run.config.algorithm, run.config.env["num_scenes"]):
         pools = {"test": pools["test"]}
     player, played = player_of(run), {}

@@ -19,11 +19,11 @@ from agents.policies.heuristics import RULES
 from agents.policies.replanning import Replanner
 from agents.registry import observation_of
 from agents.rollout.episode import TOLERANCE
-from agents.rollout.scene_set import Episodes, follow, play
+from agents.rollout.scene_set import SceneSetResults, follow, play_scene_set
 from agents.runs import provenance
 from agents.runs.run_folder import Run, RunError
 from irs_gym.datasets.random_task import RandomTask, build_worlds
-from irs_gym.datasets.scene_set import Pool, build_pool, pool_of
+from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
 from irs_gym.files import write_file
 from irs_gym.grid import octile_distance
 from irs_gym.mdp.task import Task
@@ -31,7 +31,13 @@ from irs_gym.radio.scene import load_scene, load_scenes
 
 HARD = 1.2  # a detour (oracle's distance over octile distance) above which a scene is hard
 PAPER_TARGETS_DB = (-63.0, -62.0, -61.8, -61.0, -60.0)
-REFERENCES = ("oracle", "replanning", "untrained_explorer", "greedy", "greedy_margin")  # the same in every episode
+UNSEEN_REFERENCES = (
+    "oracle",
+    "replanning",
+    "untrained_explorer",
+    "greedy",
+    "greedy_margin",
+)  # the same in every episode
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,7 @@ class Player:
     """A policy that is scored on unseen scenes."""
 
     name: str
-    episodes: Callable[[Pool], Episodes]
+    episodes: Callable[[SceneSet], SceneSetResults]
     """Its episode in each scene of a pool; a ``ValueError`` says why there can be none."""
 
 
@@ -68,7 +74,7 @@ class UnseenScore:
     exact: float | None
 
 
-Found = Mapping[str, tuple[Episodes, UnseenScore, UnseenScore]]
+Found = Mapping[str, tuple[SceneSetResults, UnseenScore, UnseenScore]]
 """By the name of a set: the episodes, and the scores on all scenes and on the hard ones."""
 
 
@@ -83,28 +89,28 @@ def player_of(run: Run, model: str = "best") -> Player:
     if not run.is_generalist:
         raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone")
     algorithm = run.config.algorithm
-    return Player(algorithm, partial(play, run.load_model(model), observation=observation_of(algorithm)))
+    return Player(algorithm, partial(play_scene_set, run.load_model(model), observation=observation_of(algorithm)))
 
 
 def reference(name: str) -> Player:
-    """One of `REFERENCES`."""
+    """One of `UNSEEN_REFERENCES`."""
     planners = {"replanning": replan, "untrained_explorer": explore_untrained}
     return Player(name, planners.get(name) or partial(apply, name))
 
 
-def replan(pool: Pool) -> Episodes:
+def replan(pool: SceneSet) -> SceneSetResults:
     """Episodes of optimistic replanning, which sees what a local agent sees."""
-    return play(Replanner(pool.shape, Task.patch_radius), pool)
+    return play_scene_set(Replanner(pool.shape, Task.patch_radius), pool)
 
 
-def explore_untrained(pool: Pool) -> Episodes:
+def explore_untrained(pool: SceneSet) -> SceneSetResults:
     """Episodes of an explorer that has learned nothing: to it, all that is unknown costs about an eighth more."""
     config = ExplorerConfig()
     torch.manual_seed(0)
-    return play(Explorer(config.shape, config.build_network()), pool)
+    return play_scene_set(Explorer(config.shape, config.build_network()), pool)
 
 
-def apply(name: str, pool: Pool) -> Episodes:
+def apply(name: str, pool: SceneSet) -> SceneSetResults:
     """Episodes of one of `agents.policies.heuristics.RULES`."""
     worlds = build_worlds(RandomTask(scenes=pool))
     each = ((worlds.world(n), worlds.world(n).goal) for n in range(len(pool)))
@@ -112,7 +118,7 @@ def apply(name: str, pool: Pool) -> Episodes:
     return follow(choices.astype(np.float32), pool)
 
 
-def score_of(episodes: Episodes, chosen: NDArray[np.bool_] | None = None) -> UnseenScore:
+def score_of(episodes: SceneSetResults, chosen: NDArray[np.bool_] | None = None) -> UnseenScore:
     """Score over the episodes, or over those chosen, ``(S,)``."""
     chosen = np.ones(len(episodes.spl), dtype=bool) if chosen is None else chosen
     if not chosen.any():
@@ -127,19 +133,19 @@ def score_of(episodes: Episodes, chosen: NDArray[np.bool_] | None = None) -> Uns
     )
 
 
-def detours(pool: Pool) -> NDArray[np.float64]:
+def detours(pool: SceneSet) -> NDArray[np.float64]:
     """The oracle's distance over the octile distance of each scene, ``(S,)``."""
     return pool.oracle_distance / (octile_distance(pool.goal - pool.start) * pool.cell_size)
 
 
-def paper_pool() -> Pool:
+def paper_scene_set() -> SceneSet:
     """The paper's scene at each of `PAPER_TARGETS_DB`, which no agent learns on."""
     paper = load_scene("paper")
     scenes = [paper.model_copy(update={"target_db": target}) for target in PAPER_TARGETS_DB]
-    return pool_of(scenes, [f"paper at {target:g} dB" for target in PAPER_TARGETS_DB])
+    return scene_set_of(scenes, [f"paper at {target:g} dB" for target in PAPER_TARGETS_DB])
 
 
-def score_unseen(player: Player, pools: Mapping[str, Pool]) -> Found:
+def score_unseen(player: Player, pools: Mapping[str, SceneSet]) -> Found:
     """What a policy does on each pool; raises ``ValueError`` where it cannot play on one."""
     played = {name: (player.episodes(pool), pool) for name, pool in pools.items()}
     return {
@@ -163,7 +169,7 @@ def write_unseen(run: Run, model: str, found: Found) -> Path:
     return path
 
 
-def pools_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -> dict[str, Pool]:
+def scene_sets_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -> dict[str, SceneSet]:
     """What is scored on: the first scenes of each split and the paper's, or else the scene files of a folder.
 
     Raises
@@ -174,8 +180,8 @@ def pools_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -> dic
         Where it holds no valid scene, or one whose target is infeasible.
     """
     if scenes is not None:
-        return {str(scenes): pool_of(load_scenes(scenes))}
-    return {**{split: build_pool(split, num_scenes) for split in splits}, "paper": paper_pool()}
+        return {str(scenes): scene_set_of(load_scenes(scenes))}
+    return {**{split: build_scene_set(split, num_scenes) for split in splits}, "paper": paper_scene_set()}
 
 
 def unseen_table(found: Found) -> Table:

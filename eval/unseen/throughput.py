@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from irs_gym.datasets.generator import draw
+from irs_gym.datasets.generator import draw_solved_scene
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
 
 MAPS = 1000
@@ -32,7 +32,7 @@ def throughput(scenes: int = 40, seconds: float = 1.0) -> dict[str, Any]:
 def _generate(scenes: int, n: int) -> float:
     begin = perf_counter()
     for seed in range(scenes):
-        draw(np.random.default_rng([n, seed]))
+        draw_solved_scene(np.random.default_rng([n, seed]))
     return scenes / (perf_counter() - begin)
 
 

@@ -9,55 +9,58 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from irs_gym.datasets.cache import keep, recall
-from irs_gym.datasets.shard import Block, build_block, definition_of
+from irs_gym.datasets.cache import read_cached, write_cached
+from irs_gym.datasets.shard import Shard, build_shard, definition_of
 from irs_gym.datasets.splits import split_of
 
-BLOCK = 100  # scenes; what is built in one go, and kept in one file
+SHARD_SCENES = 100  # scenes; what is built in one go, and kept in one file
 
 
-def build_head(split: str, count: int, *, jobs: int | None, progress: bool | None, folder: Path | None) -> Block:
-    """The first ``count`` scenes of a split; see `irs_gym.datasets.scene_set.build_pool`. Takes
+def build_shards(split: str, count: int, *, jobs: int | None, progress: bool | None, folder: Path | None) -> Shard:
+    """The first ``count`` scenes of a split; see `irs_gym.datasets.scene_set.build_scene_set`. Takes
     them as they are drawn.
     """
     from tqdm import tqdm
 
     if jobs is not None and jobs < 1:
         raise ValueError(f"jobs={jobs} must be 1 or more processes, or None for as many as there are processors")
-    blocks = {first: _recalled(folder, split, first, min(BLOCK, count - first)) for first in range(0, count, BLOCK)}
-    ready = sum(min(BLOCK, count - first) for first, block in blocks.items() if block)
+    blocks = {
+        first: _recalled(folder, split, first, min(SHARD_SCENES, count - first))
+        for first in range(0, count, SHARD_SCENES)
+    }
+    ready = sum(min(SHARD_SCENES, count - first) for first, block in blocks.items() if block)
     if ready < count:
-        missing = {first: min(BLOCK, count - first) for first, block in blocks.items() if not block}
+        missing = {first: min(SHARD_SCENES, count - first) for first, block in blocks.items() if not block}
         title = f"{split} scenes, built once"
         hidden = None if progress is None else not progress
         with tqdm(total=count, initial=ready, desc=title, unit="scene", delay=1.0, disable=hidden) as bar:
             for first, block in _built(split, missing, min(len(missing), jobs or _processors()), bar.update):
                 blocks[first] = block
                 definition = definition_of(split, first, missing[first])
-                keep(folder, file_of(definition, split, first), block.to_bytes(definition))
-    return Block.joined([block for block in blocks.values() if block], count)
+                write_cached(folder, file_of(definition, split, first), block.to_bytes(definition))
+    return Shard.joined([block for block in blocks.values() if block], count)
 
 
 def _built(
     split: str, missing: Mapping[int, int], jobs: int, told: Callable[[int], Any]
-) -> Iterator[tuple[int, Block]]:
+) -> Iterator[tuple[int, Shard]]:
     """Each missing block by its first scene; ``told`` how many more scenes there are."""
     if jobs == 1:
         for first, count in missing.items():
-            yield first, build_block(split, first, count, lambda: told(1))
+            yield first, build_shard(split, first, count, lambda: told(1))
         return
     threads = ThreadPoolExecutor(jobs)
     try:
         waiting = {threads.submit(built_elsewhere, split, *each): each for each in missing.items()}
         for done in as_completed(waiting):
             first, count = waiting[done]
-            yield first, done.result() or build_block(split, first, count)
+            yield first, done.result() or build_shard(split, first, count)
             told(count)
     finally:
         threads.shutdown(cancel_futures=True)
 
 
-def built_elsewhere(split: str, first: int, count: int) -> Block | None:
+def built_elsewhere(split: str, first: int, count: int) -> Shard | None:
     """The block, built in a process of its own; None where that fails.
 
     The process is a plain one of this module's own and not one of `multiprocessing`, which would run a script without
@@ -67,21 +70,21 @@ def built_elsewhere(split: str, first: int, count: int) -> Block | None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "OMP_NUM_THREADS": "1"}
     try:
         done = subprocess.run(command, env=environment, capture_output=True, check=True)
-        return Block.from_bytes(done.stdout, definition_of(split, first, count))
+        return Shard.from_bytes(done.stdout, definition_of(split, first, count))
     except (OSError, ValueError, subprocess.CalledProcessError):
         return None
 
 
-def _recalled(folder: Path | None, split: str, first: int, count: int) -> Block | None:
+def _recalled(folder: Path | None, split: str, first: int, count: int) -> Shard | None:
     """The block from the cache, or the head of a whole one; None where it holds neither, or damaged."""
-    for size in dict.fromkeys((BLOCK, count)):
+    for size in dict.fromkeys((SHARD_SCENES, count)):
         if first + size > split_of(split).size:
             continue
         definition = definition_of(split, first, size)
-        content = recall(folder, file_of(definition, split, first))
+        content = read_cached(folder, file_of(definition, split, first))
         try:
             if content is not None:
-                return Block.joined([Block.from_bytes(content, definition)], count)
+                return Shard.joined([Shard.from_bytes(content, definition)], count)
         except ValueError:  # damaged, or another's
             continue
     return None

@@ -25,7 +25,7 @@ def cache_folder() -> Path | None:
     return folder / "irs_gym"
 
 
-def recall(folder: Path | None, name: str) -> bytes | None:
+def read_cached(folder: Path | None, name: str) -> bytes | None:
     """Content of a file, None where it cannot be read."""
     try:
         return None if folder is None else (folder / name).read_bytes()
@@ -33,7 +33,7 @@ def recall(folder: Path | None, name: str) -> bytes | None:
         return None
 
 
-def keep(folder: Path | None, name: str, content: bytes) -> None:
+def write_cached(folder: Path | None, name: str, content: bytes) -> None:
     """Write a file, whole or not at all, whoever else writes it; a folder that cannot be written is no error."""
     if folder is None:
         return

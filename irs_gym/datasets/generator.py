@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.solved_scene import Solved
+from irs_gym.datasets.solved_scene import SolvedScene
 from irs_gym.grid import Cell, Grid, as_cell, checked_point
 from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target, largest_component
 from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
@@ -105,10 +105,10 @@ def generate_scene(rng: np.random.Generator, difficulty: str | Difficulty = "def
     ValueError
         Where there is no such difficulty, ``rng`` is no generator, or no scene of that difficulty was found.
     """
-    return draw(rng, difficulty).scene
+    return draw_solved_scene(rng, difficulty).scene
 
 
-def draw(rng: np.random.Generator, difficulty: str | Difficulty = "default") -> Solved:
+def draw_solved_scene(rng: np.random.Generator, difficulty: str | Difficulty = "default") -> SolvedScene:
     """The scene of `generate_scene` with its map and distances to go."""
     if isinstance(difficulty, str):
         if difficulty not in DIFFICULTIES:
@@ -236,7 +236,7 @@ def _floor(grid: Grid, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
 # --- the task ---------------------------------------------------------------------------------------------------
 
 
-def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> Solved | None:
+def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> SolvedScene | None:
     """The factory with a task whose detour is above the one given; None where none was found."""
     radio_map = build_radio_map(factory, CELL_SIZE)
     floor_cells = _floor(radio_map.grid, factory.obstacles)
@@ -258,9 +258,9 @@ def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> Solve
     return None
 
 
-def _solved(scene: Scene, radio_map: RadioMap, goal: Cell) -> Solved:
+def _solved(scene: Scene, radio_map: RadioMap, goal: Cell) -> SolvedScene:
     to_go = distance_to_go(radio_map.feasible(scene.target_db), goal, CELL_SIZE)
-    return Solved(scene, radio_map, to_go)
+    return SolvedScene(scene, radio_map, to_go)
 
 
 def _draw_ends(rng: np.random.Generator, cells: NDArray[np.int64], apart: float) -> tuple[Cell, Cell] | None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from irs_gym.datasets.scene_set import Pool, build_pool, pool_of
+from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
 from irs_gym.datasets.splits import split_of
 from irs_gym.grid import Grid
 from irs_gym.mdp.dynamics import check_bonus, potential
@@ -29,7 +29,7 @@ class RandomTask:
     """Which generated scenes: one of `irs_gym.datasets.splits.SPLITS`."""
     num_scenes: int = 1000
     """How many of the split's, from the first on."""
-    scenes: str | Path | Sequence[Scene | Mapping[str, Any]] | Pool | None = None
+    scenes: str | Path | Sequence[Scene | Mapping[str, Any]] | SceneSet | None = None
     """A folder of scene files, scenes (or their data as dicts) or a pool, in place of a split; a file's name is its
     scene's id."""
     observation: Observation = Task.observation
@@ -57,7 +57,7 @@ class RandomTask:
         given = [name for name in ("split", "num_scenes") if getattr(self, name) != getattr(RandomTask, name)]
         if given:
             raise ValueError(f"{', '.join(given)} cannot be given along with scenes, which takes the place of a split")
-        if not isinstance(self.scenes, str | Path | Pool):
+        if not isinstance(self.scenes, str | Path | SceneSet):
             object.__setattr__(self, "scenes", _scenes(self.scenes))
 
     @cached_property
@@ -86,7 +86,7 @@ class Worlds:
     """A random task with its maps, shared by all environments of that task."""
 
     task: RandomTask
-    pool: Pool
+    pool: SceneSet
 
     def __len__(self) -> int:
         return len(self.pool)
@@ -141,12 +141,12 @@ def build_worlds(task: RandomTask) -> Worlds:
 
 @lru_cache(maxsize=4)
 def _build_worlds(task: RandomTask) -> Worlds:
-    if isinstance(task.scenes, Pool):
+    if isinstance(task.scenes, SceneSet):
         pool = task.scenes
     elif task.scenes is None:
-        pool = build_pool(task.split, task.num_scenes)
+        pool = build_scene_set(task.split, task.num_scenes)
     else:
-        pool = pool_of(task.scenes)  # type: ignore[arg-type]  # a folder has been read
+        pool = scene_set_of(task.scenes)  # type: ignore[arg-type]  # a folder has been read
     offsets = pool.start - pool.goal
     worst = int(np.argmax(pool.oracle_distance + potential(task.common, offsets, pool.cell_size)))
     try:

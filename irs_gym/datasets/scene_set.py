@@ -1,4 +1,4 @@
-"""`Pool`: many scenes with their radio maps and distances to go, stacked in arrays of one shape."""
+"""`SceneSet`: many scenes with their radio maps and distances to go, stacked in arrays of one shape."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.build_shards import build_head
+from irs_gym.datasets.build_shards import build_shards
 from irs_gym.datasets.cache import cache_folder
 from irs_gym.datasets.generator import CELL_SIZE
-from irs_gym.datasets.shard import Block
-from irs_gym.datasets.solved_scene import Solved, solve
+from irs_gym.datasets.shard import Shard
+from irs_gym.datasets.solved_scene import SolvedScene, solve
 from irs_gym.datasets.splits import check_frozen, split_of
 from irs_gym.grid import as_cell
 from irs_gym.memory import check_memory, freeze, frozen
@@ -23,7 +23,7 @@ _CELL_BYTES = 50  # for each cell of each scene, at the most: maps, rules, and b
 
 
 @dataclass(frozen=True, eq=False)
-class Pool:
+class SceneSet:
     """S scenes with their maps; maps smaller than the frame (X, Y) are padded with blocked cells at their upper ends.
 
     Attributes
@@ -84,13 +84,13 @@ class Pool:
         return frozen(self.distance_to_go[np.arange(len(self)), self.start[:, 0], self.start[:, 1]])
 
 
-def pool_of(
+def scene_set_of(
     scenes: Sequence[Scene],
     names: Sequence[str] | None = None,
     *,
     cell_size: float = 0.5,
     frame: tuple[int, int] | None = None,
-) -> Pool:
+) -> SceneSet:
     """Pool of given scenes.
 
     Parameters
@@ -124,17 +124,17 @@ def pool_of(
         name, shape = names[too_large[0]], tuple(shapes[too_large[0]].tolist())
         raise ValueError(f"scene {name!r} has {shape} cells: frame={frame} is too small")
     solved = [_solve(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)]
-    return _pool(tuple(scenes), names, Block.of(solved, frame), cell_size)
+    return _scene_set(tuple(scenes), names, Shard.of(solved, frame), cell_size)
 
 
-def build_pool(
+def build_scene_set(
     split: str,
     num_scenes: int | None = None,
     *,
     jobs: int | None = None,
     progress: bool | None = None,
     cache: str | Path | None = None,
-) -> Pool:
+) -> SceneSet:
     """Pool of the first scenes of a split, so that a smaller pool is the head of a larger.
 
     Scenes are built by the hundred, in several processes where there are more, and kept in a cache, from which they
@@ -167,10 +167,10 @@ def build_pool(
         raise ValueError(f"num_scenes={num_scenes!r} must be a number from 1 to {size}, the scenes of {split!r}")
     _check_memory(int(count), split_of(split).frame, f"num_scenes={count}")
     folder = cache_folder() if cache is None else Path(cache)
-    block = build_head(split, int(count), jobs=jobs, progress=progress, folder=folder)
+    block = build_shards(split, int(count), jobs=jobs, progress=progress, folder=folder)
     texts = block.texts.tolist()
     check_frozen(split, texts)
-    return _pool(_Texts(texts), tuple(f"{split}-{n}" for n in range(count)), block, CELL_SIZE)
+    return _scene_set(_Texts(texts), tuple(f"{split}-{n}" for n in range(count)), block, CELL_SIZE)
 
 
 class _Texts(Sequence[Scene]):
@@ -188,9 +188,9 @@ class _Texts(Sequence[Scene]):
         return Scene.model_validate_json(self._texts[which], strict=True)
 
 
-def _pool(scenes: Sequence[Scene], names: tuple[str, ...], block: Block, cell_size: float) -> Pool:
+def _scene_set(scenes: Sequence[Scene], names: tuple[str, ...], block: Shard, cell_size: float) -> SceneSet:
     arrays = {each.name: getattr(block, each.name) for each in fields(block) if each.name != "texts"}
-    return Pool(scenes=scenes, names=names, cell_size=cell_size, **arrays)
+    return SceneSet(scenes=scenes, names=names, cell_size=cell_size, **arrays)
 
 
 def _check_memory(count: int, frame: tuple[int, int], asked: str) -> None:
@@ -205,7 +205,7 @@ def _shape(scene: Scene, name: str, cell_size: float) -> tuple[int, int]:
         raise ValueError(f"scene {name!r}: {error}") from None
 
 
-def _solve(scene: Scene, name: str, cell_size: float) -> Solved:
+def _solve(scene: Scene, name: str, cell_size: float) -> SolvedScene:
     try:
         return solve(scene, cell_size)
     except ValueError as error:

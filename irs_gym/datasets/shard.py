@@ -1,4 +1,4 @@
-"""`Block`: scenes in a row of one split, solved and stacked, as bytes of a file and back.
+"""`Shard`: scenes in a row of one split, solved and stacked, as bytes of a file and back.
 
 ``python -m irs_gym.datasets.shard SPLIT FIRST COUNT`` writes the bytes of one to the standard
 output, for a program that has
@@ -17,16 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.datasets.generator import CELL_SIZE, VERSION
-from irs_gym.datasets.solved_scene import Solved
-from irs_gym.datasets.splits import solved_of, split_of
+from irs_gym.datasets.solved_scene import SolvedScene
+from irs_gym.datasets.splits import solved_scene_of, split_of
 from irs_gym.files import read_arrays
 from irs_gym.mdp.task import irs_settings
 from irs_gym.radio.irs import PHYSICS_VERSION
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """The arrays of `irs_gym.datasets.scene_set.Pool` for n scenes, and the scenes as JSON."""
+class Shard:
+    """The arrays of `irs_gym.datasets.scene_set.SceneSet` for n scenes, and the scenes as JSON."""
 
     texts: NDArray[np.bytes_]  # (n,)
     target_db: NDArray[np.float64]  # (n,)
@@ -37,7 +37,7 @@ class Block:
     goal: NDArray[np.int64]  # (n, 2)
 
     @classmethod
-    def of(cls, solved: Sequence[Solved], frame: tuple[int, int]) -> "Block":
+    def of(cls, solved: Sequence[SolvedScene], frame: tuple[int, int]) -> "Shard":
         """Block of solved scenes, each map padded to the frame."""
         scenes = [each.scene for each in solved]
         return cls(
@@ -51,7 +51,7 @@ class Block:
         )
 
     @classmethod
-    def joined(cls, blocks: Sequence["Block"], count: int) -> "Block":
+    def joined(cls, blocks: Sequence["Shard"], count: int) -> "Shard":
         """The first ``count`` scenes of blocks in a row."""
         return cls(**{name: np.concatenate([vars(each)[name] for each in blocks])[:count] for name in _names()})
 
@@ -63,7 +63,7 @@ class Block:
         return content.getvalue()
 
     @classmethod
-    def from_bytes(cls, content: bytes, definition: str) -> "Block":
+    def from_bytes(cls, content: bytes, definition: str) -> "Shard":
         """Block of an archive; never unpickles. Raises ``ValueError`` for one that is damaged or another's."""
         try:
             arrays = read_arrays(content, needed=["said", *_names()])
@@ -98,13 +98,13 @@ class Block:
         return summed.hexdigest().encode()
 
 
-def build_block(split: str, first: int, count: int, told: Callable[[], Any] = lambda: None) -> Block:
+def build_shard(split: str, first: int, count: int, told: Callable[[], Any] = lambda: None) -> Shard:
     """The scenes ``first`` to before ``first + count`` of a split; ``told`` is called after each."""
     solved = []
     for index in range(first, first + count):
-        solved.append(solved_of(split, index))
+        solved.append(solved_scene_of(split, index))
         told()
-    return Block.of(solved, split_of(split).frame)
+    return Shard.of(solved, split_of(split).frame)
 
 
 def definition_of(split: str, first: int, count: int) -> str:
@@ -127,7 +127,7 @@ def definition_of(split: str, first: int, count: int) -> str:
 
 
 def _names() -> list[str]:
-    return [each.name for each in fields(Block)]
+    return [each.name for each in fields(Shard)]
 
 
 def _padded(array: NDArray[np.float64], frame: tuple[int, int], value: float) -> NDArray[np.float64]:
@@ -137,4 +137,4 @@ def _padded(array: NDArray[np.float64], frame: tuple[int, int], value: float) ->
 
 if __name__ == "__main__":
     _which = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    sys.stdout.buffer.write(build_block(*_which).to_bytes(definition_of(*_which)))
+    sys.stdout.buffer.write(build_shard(*_which).to_bytes(definition_of(*_which)))

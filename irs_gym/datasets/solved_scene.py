@@ -1,4 +1,6 @@
-"""`Solved`: a scene with its radio map and the distances to its goal, so that its task is known to have a solution."""
+"""`SolvedScene`: a scene with its radio map and the distances to its goal, so that its task is
+known to have a solution.
+"""
 
 from dataclasses import dataclass
 
@@ -13,7 +15,7 @@ from irs_gym.radio.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class SolvedScene:
     """A scene whose goal can be reached from its start at its own target."""
 
     scene: Scene
@@ -45,7 +47,7 @@ class Solved:
         return self.oracle_distance / float(straight)
 
 
-def solve(scene: Scene, cell_size: float = 0.5) -> Solved:
+def solve(scene: Scene, cell_size: float = 0.5) -> SolvedScene:
     """Map and distances to go of a scene.
 
     Raises
@@ -61,4 +63,4 @@ def solve(scene: Scene, cell_size: float = 0.5) -> Solved:
     to_go = distance_to_go(radio_map.feasible(scene.target_db), goal, cell_size)
     if not np.isfinite(to_go[start]):
         raise ValueError(infeasible(radio_map.gain_db, start, goal, scene.target_db))
-    return Solved(scene, radio_map, to_go)
+    return SolvedScene(scene, radio_map, to_go)

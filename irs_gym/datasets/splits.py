@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from irs_gym.datasets.generator import DIFFICULTIES, VERSION, Difficulty, draw
-from irs_gym.datasets.solved_scene import Solved
+from irs_gym.datasets.generator import DIFFICULTIES, VERSION, Difficulty, draw_solved_scene
+from irs_gym.datasets.solved_scene import SolvedScene
 from irs_gym.radio.scene import Scene
 
 _DIGITS = 8  # of a scene's SHA-256 that are kept of the frozen sets
@@ -57,17 +57,17 @@ def split_of(name: str) -> Split:
 
 def scene_of(split: str, index: int) -> Scene:
     """A scene of a split by its number, from 0; raises ``ValueError`` where there is none."""
-    return solved_of(split, index).scene
+    return solved_scene_of(split, index).scene
 
 
-def solved_of(split: str, index: int) -> Solved:
+def solved_scene_of(split: str, index: int) -> SolvedScene:
     """The scene of `scene_of` with its map and distances to go."""
     chosen = split_of(split)
     if not 0 <= index < chosen.size:
         raise ValueError(f"index={index} must be a number from 0 to {chosen.size - 1}: {split!r} has no more scenes")
-    solved = draw(np.random.default_rng((VERSION, chosen.number, index)), chosen.difficulty)
+    solved = draw_solved_scene(np.random.default_rng((VERSION, chosen.number, index)), chosen.difficulty)
     scene = solved.scene.model_copy(update={"name": f"{split}-{index}"})
-    return Solved(scene, solved.radio_map, solved.distance_to_go)
+    return SolvedScene(scene, solved.radio_map, solved.distance_to_go)
 
 
 def check_frozen(split: str, texts: list[bytes]) -> None:

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from irs_gym.datasets.build_shards import build_head
+from irs_gym.datasets.build_shards import build_shards
 from irs_gym.datasets.cache import cache_folder
 from irs_gym.datasets.generator import VERSION
 from irs_gym.datasets.scene_hash import scene_hash
@@ -98,7 +98,7 @@ def main() -> int:
 
 
 def _texts(split: str, count: int, jobs: int | None) -> list[bytes]:
-    texts: list[bytes] = build_head(split, count, jobs=jobs, progress=True, folder=cache_folder()).texts.tolist()
+    texts: list[bytes] = build_shards(split, count, jobs=jobs, progress=True, folder=cache_folder()).texts.tolist()
     return texts
 
 

@@ -1,4 +1,4 @@
-"""`Episode`: one robot on its way over one world, step by step."""
+"""`EpisodeResult`: one robot on its way over one world, step by step."""
 
 from collections.abc import Sequence
 from typing import Any

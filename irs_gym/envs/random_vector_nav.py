@@ -30,7 +30,7 @@ from irs_gym.rendering.modes import with_render_mode
 from irs_gym.rendering.window import Window
 from irs_gym.vector.episodes import VectorEpisodes
 from irs_gym.vector.infos import VALUES, Infos, Step, Values
-from irs_gym.vector.many_scenes import Atlas, build_atlas
+from irs_gym.vector.many_scenes import ManyScenes, build_many_scenes
 from irs_gym.vector.protocols import RngOf, States
 from irs_gym.vector.single_envs import SingleEnvs
 
@@ -142,7 +142,7 @@ def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorE
 
 
 def _scene_id(step: Step) -> NDArray[np.object_]:
-    atlas: Atlas = step.ground  # type: ignore[assignment]
+    atlas: ManyScenes = step.ground  # type: ignore[assignment]
     return atlas.scene_id(step.states)
 
 
@@ -156,7 +156,7 @@ class _EpisodeSampler:
 
     def __init__(self, worlds: Worlds) -> None:
         self.worlds = worlds
-        self.ground = build_atlas(worlds)
+        self.ground = build_many_scenes(worlds)
         self.packing = self.ground.packing
         self.is_violable = worlds.task.constraint == "allow"
         self.map_shape, self.num_maps = self.ground.shape, len(worlds)

@@ -30,7 +30,7 @@ from irs_gym.rendering.modes import with_render_mode
 from irs_gym.rendering.window import Window
 from irs_gym.vector.episodes import VectorEpisodes
 from irs_gym.vector.infos import VALUES, Infos
-from irs_gym.vector.one_scene import build_stack
+from irs_gym.vector.one_scene import build_one_scene
 from irs_gym.vector.protocols import RngOf, States
 from irs_gym.vector.single_envs import SingleEnvs
 
@@ -169,7 +169,7 @@ class _EpisodeSampler:
 
     def __init__(self, world: World, num_envs: int) -> None:
         self.world = world
-        self.ground = build_stack(world, (world.goal,))
+        self.ground = build_one_scene(world, (world.goal,))
         self.packing = build_observer(world, world.goal).packing
         self.is_random = bool(world.task.random_start)
         self.is_violable = world.task.constraint == "allow"
@@ -213,5 +213,5 @@ class _EpisodeSampler:
         old, cell = np.divmod(states, self.world.feasible.size)
         kept = np.array([number.get(each, 0) for each in self.ground.goals])
         if goals != self.ground.goals:
-            self.ground = build_stack(self.world, goals)
+            self.ground = build_one_scene(self.world, goals)
         return np.asarray(kept[old] * self.world.feasible.size + cell)

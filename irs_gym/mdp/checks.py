@@ -25,7 +25,8 @@ _ACTIONS = "an integer from 0 to 7: " + ", ".join(f"{n} {name}" for n, name in e
 class PlainSpec:
     """The attribute ``spec``: how `gymnasium.make` makes an environment again, kept with arguments that JSON can hold.
 
-    A `Scene` and a `RadioMap` become dicts and a path a string, which the environments take in their place. A `Pool`
+    A `Scene` and a `RadioMap` become dicts and a path a string, which the environments take in
+    their place. A `SceneSet`
     stays what it is: it is the one argument that JSON cannot hold.
     """
 

@@ -1,4 +1,4 @@
-"""`text`: one frame of an episode in plain characters."""
+"""`text_frame`: one frame of an episode in plain characters."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,7 +8,7 @@ from irs_gym.rendering.layout import rows_from_top
 from irs_gym.rendering.view import Point, View, checked_cells
 
 
-def text(view: View, trail: ArrayLike) -> str:
+def text_frame(view: View, trail: ArrayLike) -> str:
     """The same as `draw` in plain characters, one a cell within a border, under a line of numbers and over a legend.
 
     Raises

@@ -8,9 +8,9 @@ from irs_gym.grid import Cell
 from irs_gym.mdp.dynamics import tabulate
 from irs_gym.mdp.task import World
 from irs_gym.oracle.shortest_path import descend
-from irs_gym.rendering import View, draw, text
+from irs_gym.rendering import View, draw_frame, text_frame
 
-RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {"rgb_array": draw, "ansi": text}
+RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {"rgb_array": draw_frame, "ansi": text_frame}
 
 
 @lru_cache(maxsize=32)

@@ -1,4 +1,4 @@
-"""`draw`: one frame of an episode as a picture."""
+"""`draw_frame`: one frame of an episode as a picture."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,7 +8,7 @@ from irs_gym.rendering.background import ROBOT, trace
 from irs_gym.rendering.view import View, checked_cells
 
 
-def draw(view: View, trail: ArrayLike) -> NDArray[np.uint8]:
+def draw_frame(view: View, trail: ArrayLike) -> NDArray[np.uint8]:
     """One frame: the view's background, the robot with its trail, and its margin over the target.
 
     Parameters

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.mdp.metrics import spl
-from irs_gym.vector.protocols import Ground
+from irs_gym.vector.protocols import TransitionModel
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 class Step(NamedTuple):
     """What the infos after a step, or a reset, are made of: arrays ``(n,)``."""
 
-    ground: Ground
+    ground: TransitionModel
     states: NDArray[np.int64]
     # of the episode so far; the environment goes on adding to them
     distance: Floats  # metres

@@ -1,4 +1,4 @@
-"""`Atlas`: the maps of many scenes as one long array, so that n robots move and look around by a few gathers."""
+"""`ManyScenes`: the maps of many scenes as one long array, so that n robots move and look around by a few gathers."""
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -25,11 +25,11 @@ _BLOCK = 256  # scenes whose rules are worked out at a time: bounds memory
 
 
 @dataclass(frozen=True, eq=False)
-class Atlas:
+class ManyScenes:
     """The ground of many worlds: S maps of C cells each, every row and every map with a border behind it.
 
     The border of blocked cells is as wide as the robots see, so that a window never reaches into another map. What
-    each method gives for states is described in `irs_gym.vector.protocols.Ground`.
+    each method gives for states is described in `irs_gym.vector.protocols.TransitionModel`.
     """
 
     worlds: Worlds
@@ -50,7 +50,7 @@ class Atlas:
         object.__setattr__(self, "windows", windows)
 
     def __reduce__(self) -> Any:
-        return build_atlas, (self.worlds,)
+        return build_many_scenes, (self.worlds,)
 
     # --- states -----------------------------------------------------------------------------------------------------
 
@@ -212,7 +212,7 @@ _CODES = np.tile(2 * np.arange(ACTIONS), 256) + _BITS
 
 
 @lru_cache(maxsize=2)
-def build_atlas(worlds: Worlds) -> Atlas:
+def build_many_scenes(worlds: Worlds) -> ManyScenes:
     """Atlas of worlds; kept, so that their vector environments share one.
 
     Raises ``ValueError`` where there are more cells than it can number.
@@ -236,7 +236,7 @@ def build_atlas(worlds: Worlds) -> Atlas:
             kind[block] = np.packbits(may, axis=-1, bitorder="little").reshape(-1, shape[0] * shape[1])
     legal *= ACTIONS
     packing = Packing(task.observation, 2 * task.patch_radius + 1, pool.irs.shape[1], pool.shape)
-    return Atlas(
+    return ManyScenes(
         worlds=worlds,
         packing=packing,
         shape=shape,

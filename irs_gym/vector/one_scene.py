@@ -1,4 +1,4 @@
-"""`Stack`: the tables of several goals one behind the other, packed for gathers over many robots."""
+"""`OneScene`: the tables of several goals one behind the other, packed for gathers over many robots."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,10 +15,10 @@ from irs_gym.vector.protocols import Outcome, States
 
 
 @dataclass(frozen=True, eq=False)
-class Stack:
+class OneScene:
     """The ground of one world. A state is a flat cell plus ``X * Y`` times the number of its goal. S states, 8 actions.
 
-    What each method gives for states is described in `irs_gym.vector.protocols.Ground`.
+    What each method gives for states is described in `irs_gym.vector.protocols.TransitionModel`.
     """
 
     world: World
@@ -84,12 +84,12 @@ class Stack:
         return self.mask.take(states, axis=0)
 
 
-def build_stack(world: World, goals: tuple[Cell, ...]) -> Stack:
+def build_one_scene(world: World, goals: tuple[Cell, ...]) -> OneScene:
     """Stack of a world for the goals; a goal that was used before costs no run of Dijkstra."""
     tables = [tabulate(world, goal) for goal in goals]
     observed = [build_observer(world, goal).table for goal in goals]
     size = world.feasible.size
-    return Stack(
+    return OneScene(
         world=world,
         goals=goals,
         next_state=_join([each.transition["next_cell"] + n * size for n, each in enumerate(tables)]),

@@ -1,4 +1,4 @@
-"""`Ground` and `EpisodeSampler`: what a fleet of robots moves over, and who sends its robots on their way."""
+"""`TransitionModel` and `EpisodeSampler`: what a fleet of robots moves over, and who sends its robots on their way."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
@@ -34,7 +34,7 @@ class Outcome(NamedTuple):
                 array[chosen] = 0
 
 
-class Ground(Protocol):
+class TransitionModel(Protocol):
     """The rules and the maps for states; frozen. What a method returns is the caller's own."""
 
     def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:
@@ -65,11 +65,11 @@ class EpisodeSampler(Protocol):
     packing: Packing
     is_random: bool  # whether it draws
     is_violable: bool  # whether cells below the target can be entered
-    map_shape: tuple[int, int]  # of the maps that `Ground.cells` counts through
+    map_shape: tuple[int, int]  # of the maps that `TransitionModel.cells` counts through
     num_maps: int
 
     @property
-    def ground(self) -> Ground:
+    def ground(self) -> TransitionModel:
         """What the robots move over now."""
 
     @property

@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.policies.heuristics import REFERENCES, greedy, greedy_margin, masked_random, oracle, random
+from agents.policies.heuristics import REFERENCE_POLICIES, greedy, greedy_margin, masked_random, oracle, random
 from agents.policies.observation_decoding import decode
 from agents.rollout.episode import evaluation_env, roll_out
 from irs_gym import RadioMap
@@ -71,7 +71,7 @@ def test_batches_get_the_actions_of_their_observations():
     seen = [observation for observation, _, _ in states(env, 60)]
     batch = {name: np.stack([each[name] for each in seen]) for name in seen[0]}
     for name in ("oracle", "greedy", "greedy_margin"):
-        policy = REFERENCES[name](env, 0)
+        policy = REFERENCE_POLICIES[name](env, 0)
         actions, state = policy.predict(batch, state="kept")
         assert actions.tolist() == [int(policy.predict(each)[0]) for each in seen]
         assert state == "kept"

@@ -9,21 +9,21 @@ import pytest
 import torch
 from tiny_pool import tiny_pool
 
-from agents.learning.dagger import Exploration
+from agents.learning.dagger import Dagger
 from agents.learning.local_configs import ExplorerConfig, ExplorerPpoConfig, LocalPpoConfig
 from agents.learning.map_learner import MapLearner
-from agents.learning.ppo_loss import advantages, draw, proximal_loss
-from agents.learning.robot_batch import Expedition, Terms
+from agents.learning.ppo_loss import clipped_loss, generalized_advantages, sample_actions
+from agents.learning.robot_batch import RobotBatch, RobotBatchConfig
 from agents.networks.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
 from agents.networks.local_extractor import FRAME, LocalExtractor
-from agents.policies.belief_map import Seen, parts_of, patches_of
+from agents.policies.belief_map import BeliefMap, parts_of, patches_of
 from agents.policies.explorer_policy import Explorer, likeliest
 from agents.policies.map_policy import MapPolicy
 from agents.policies.model_file import read_network
 from agents.policies.replanning import Replanner
 from agents.rollout.episode import evaluation_env, roll_out
-from agents.rollout.scene_set import Episodes, most_steps, play
-from irs_gym.datasets.scene_set import Pool
+from agents.rollout.scene_set import SceneSetResults, most_steps, play_scene_set
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
 from irs_gym.mdp.task import Task
 from irs_gym.oracle.shortest_path import detours_of_moves, distance_to_go
@@ -48,7 +48,7 @@ def env_of(pool, **more):
 def test_memory_is_the_union_of_all_that_was_in_view():
     rng = np.random.default_rng(0)
     cells = np.stack([np.argwhere(POOL.feasible[n])[rng.integers(8, size=5)] for n in range(6)])  # (6, 5, 2)
-    seen, scenes = Seen.nothing(6, POOL.shape, 2), np.arange(6)
+    seen, scenes = BeliefMap.nothing(6, POOL.shape, 2), np.arange(6)
     for step in range(5):
         seen = seen.look(cells[:, step], patches_of(POOL, scenes, cells[:, step], 2))
     margin = np.clip((POOL.gain_db - POOL.target_db[:, None, None]) / 5.0, -1.0, 1.0).astype(np.float32)
@@ -149,7 +149,7 @@ def test_playing_a_pool_is_playing_each_scene_in_the_environment(kind):
     else:
         policy = explorer() if kind == "explorer" else Replanner(POOL.shape, 5)
     env = env_of(POOL, observation="map" if kind == "planner" else "flat")
-    found = play(policy, POOL)
+    found = play_scene_set(policy, POOL)
     for n in range(len(POOL)):
         episode = roll_out(policy, env, options={"scene_id": n})
         assert episode.is_success == found.is_success[n]
@@ -159,14 +159,14 @@ def test_playing_a_pool_is_playing_each_scene_in_the_environment(kind):
 
 def test_playing_other_frames_takes_their_shape_and_more_steps():
     wide = tiny_pool(3, (20, 9), seed=4)
-    assert play(explorer(shape=(9, 7), optimistic=True), wide).is_success.all()
+    assert play_scene_set(explorer(shape=(9, 7), optimistic=True), wide).is_success.all()
     assert most_steps(wide) == gymnasium.spec("IrsNavRandom-v0").max_episode_steps == 400
     assert most_steps(tiny_pool(1, (80, 80))) == 800
 
 
 def test_a_path_that_rounding_makes_shorter_than_the_oracles_has_an_spl_of_one():
     oracle = np.array([0.3, 0.3, 0.3])
-    shorter = Episodes(np.array([True, True, False]), np.array([0.3 * (1 - 1e-10), 0.6, 0.1]), oracle)
+    shorter = SceneSetResults(np.array([True, True, False]), np.array([0.3 * (1 - 1e-10), 0.6, 0.1]), oracle)
     assert shorter.spl.tolist() == [1.0, 0.5, 0.0]
 
 
@@ -203,14 +203,14 @@ def test_explorer_survives_its_file():
     policy.save(file)
     kept = read_network(file.getvalue())
     assert isinstance(kept, Explorer)
-    np.testing.assert_array_equal(play(kept, POOL).distance, play(policy, POOL).distance)
+    np.testing.assert_array_equal(play_scene_set(kept, POOL).distance, play_scene_set(policy, POOL).distance)
 
 
 def test_exploration_learns_to_guess_what_was_not_seen():
     pool = tiny_pool(8, (10, 10), seed=1, blocked=0.5)
     config = ExplorerConfig(robots=16, n_steps=2, learning_rate=5e-3, patch_radius=2, total_timesteps=10_000)
     torch.manual_seed(0)
-    teacher = Exploration(config, ExplorerNetwork(8), np.random.default_rng(0))
+    teacher = Dagger(config, ExplorerNetwork(8), np.random.default_rng(0))
     seen = [teacher.update(pool, 0.0) for _ in range(80)]
     assert all(steps % 16 == 0 and 16 <= steps <= 48 for steps, _ in seen)
     early, late = (np.mean([each["guess_error"] for _, each in some]) for some in (seen[:10], seen[-10:]))
@@ -221,7 +221,7 @@ def test_exploration_learns_to_guess_what_was_not_seen():
 def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_goal():
     config = ExplorerConfig(robots=12, random_start=0.5, patch_radius=1, max_steps=15)
     torch.manual_seed(0)
-    teacher, ends = Exploration(config, ExplorerNetwork(8), np.random.default_rng(0)), 0
+    teacher, ends = Dagger(config, ExplorerNetwork(8), np.random.default_rng(0)), 0
     for _ in range(20):
         steps = 0 if teacher._expedition is None else teacher._expedition.steps.copy()
         teacher.update(POOL, 0.5)
@@ -236,12 +236,12 @@ def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_g
     assert ends > 0
 
 
-TERMS = Terms(robots=10, patch_radius=1, max_steps=12, random_start=0.5)
+TERMS = RobotBatchConfig(robots=10, patch_radius=1, max_steps=12, random_start=0.5)
 
 
 def test_robots_of_an_expedition_move_as_the_environment_says():
     rng = np.random.default_rng(0)
-    robots, ends = Expedition(TERMS, POOL, rng), 0
+    robots, ends = RobotBatch(TERMS, POOL, rng), 0
     for _ in range(40):
         moves, waits = rng.integers(8, size=10), rng.random(10) < 0.2
         before, scenes, steps = robots.cells.copy(), robots.scenes.copy(), robots.steps.copy()
@@ -277,7 +277,7 @@ def test_rewards_of_an_episode_are_the_environments():
     """In units of a cell: minus the length of the move, plus progress, plus the bonus at the goal."""
     teacher = ppo()
     env = env_of(POOL, observation="flat", patch_radius=2)
-    teacher._expedition = robots = Expedition(teacher.config.terms, POOL, np.random.default_rng(1))
+    teacher._expedition = robots = RobotBatch(teacher.config.terms, POOL, np.random.default_rng(1))
     compared = 0
     for _ in range(15):
         scenes, fresh = robots.scenes.copy(), robots.steps == 0
@@ -292,7 +292,7 @@ def test_rewards_of_an_episode_are_the_environments():
                     break
                 _, reward, is_over, *_ = env.step(int(stage.actions[k, n]))
                 assert stage.rewards[k, n] * POOL.cell_size == pytest.approx(reward, abs=1e-4)
-                assert stage.keep[k, n] == (not is_over)
+                assert stage.not_done[k, n] == (not is_over)
                 compared += 1
     assert compared > 20
 
@@ -300,12 +300,12 @@ def test_rewards_of_an_episode_are_the_environments():
 def test_advantages_are_those_of_the_returns_where_lambda_is_one():
     rng = np.random.default_rng(0)
     rewards, values = rng.normal(size=(2, 7, 3)).astype(np.float32)
-    last, keep = rng.normal(size=3).astype(np.float32), (rng.random((7, 3)) < 0.7).astype(np.float32)
+    last, not_done = rng.normal(size=3).astype(np.float32), (rng.random((7, 3)) < 0.7).astype(np.float32)
     ahead = np.concatenate([values[1:], last[None]])
-    found = advantages(rewards + 0.9 * keep * ahead - values, keep, 0.9)
+    found = generalized_advantages(rewards + 0.9 * not_done * ahead - values, not_done, 0.9)
     following = last
     for t in reversed(range(7)):
-        following = rewards[t] + 0.9 * keep[t] * following
+        following = rewards[t] + 0.9 * not_done[t] * following
         np.testing.assert_allclose(found[t], following - values[t], rtol=1e-4, atol=1e-5)
 
 
@@ -317,7 +317,7 @@ def test_loss_of_a_policy_that_has_not_changed_is_that_of_the_policy_gradient():
     now = logits.log_softmax(dim=-1)
     before = now.detach()[torch.arange(50), torch.from_numpy(actions)]
     values, targets = torch.zeros(50), np.zeros(50, dtype=np.float32)
-    loss, _ = proximal_loss(config, 0.0, now, actions, before, advantage, values, targets)
+    loss, _ = clipped_loss(config, 0.0, now, actions, before, advantage, values, targets)
     (found,) = torch.autograd.grad(loss, logits, retain_graph=True)
     by_hand = -(now[torch.arange(50), torch.from_numpy(actions)] * advantage).mean()
     (expected,) = torch.autograd.grad(by_hand, logits)
@@ -327,18 +327,18 @@ def test_loss_of_a_policy_that_has_not_changed_is_that_of_the_policy_gradient():
 def test_drawn_actions_have_the_probabilities():
     rng = np.random.default_rng(0)
     probabilities = rng.dirichlet(np.ones(8)).astype(np.float32)
-    drawn = draw(np.tile(probabilities, (40_000, 1)), rng.random(40_000, dtype=np.float32))
+    drawn = sample_actions(np.tile(probabilities, (40_000, 1)), rng.random(40_000, dtype=np.float32))
     np.testing.assert_allclose(np.bincount(drawn, minlength=8) / 40_000, probabilities, atol=0.01)
 
 
-def trap() -> Pool:
+def trap() -> SceneSet:
     """A dead end on the straight way to the goal, whose end cannot be seen from its entrance."""
     feasible = np.ones((16, 9), dtype=bool)
     feasible[4:13, 2] = feasible[4:13, 6] = feasible[12, 2:7] = False
     start, goal = np.array([[1, 4]]), np.array([[15, 4]])
     to_go = distance_to_go(feasible, (15, 4), 0.5)[None]
     gain_db, irs = np.where(feasible, 0.0, -np.inf)[None], np.zeros((1, 3), dtype=np.float32)
-    return Pool((), ("trap",), np.array([-1.0]), gain_db, to_go, irs, start, goal, 0.5)
+    return SceneSet((), ("trap",), np.array([-1.0]), gain_db, to_go, irs, start, goal, 0.5)
 
 
 def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():

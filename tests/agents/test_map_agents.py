@@ -19,20 +19,20 @@ from agents.learning.map_configs import (
     VinConfig,
 )
 from agents.learning.symmetry import SYMMETRIES, sources, turn, turn_moves
-from agents.learning.whole_map_ppo import GOAL_BONUS, rules_of
+from agents.learning.whole_map_ppo import GOAL_BONUS, transition_tables_of
 from agents.networks.map_network import (
+    MapPlan,
     NetworkFileError,
-    Plan,
     build_network,
     maps_of,
     pack_network,
-    plan_pool,
+    plan_scene_set,
     unpack_network,
 )
 from agents.networks.planner import LOG_COST, PlanningNetwork, plan
 from agents.policies.map_policy import MapPolicy
 from agents.policies.model_file import read_network
-from agents.rollout.scene_set import follow, play
+from agents.rollout.scene_set import follow, play_scene_set
 from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
 from irs_gym.oracle.shortest_path import optimal_moves
 
@@ -277,7 +277,7 @@ def test_policy_asks_its_network_once_for_each_map_and_goal(policy):
 
 
 def test_policy_chooses_what_the_network_likes_best_in_the_robots_cell(policy):
-    logits = plan_pool(policy.network, POOL)
+    logits = plan_scene_set(policy.network, POOL)
     for cell in [(0, 0), (3, 4)]:
         batch = np.stack([observation(POOL, scene, cell) for scene in range(len(POOL))])
         actions, state = policy.predict(batch, "kept", deterministic=True)
@@ -291,7 +291,7 @@ def test_policy_chooses_what_the_network_likes_best_in_the_robots_cell(policy):
 def test_policy_draws_moves_as_likely_as_the_network_says(policy):
     seen = np.repeat(observation(POOL, 0, (3, 3))[None], 4000, axis=0)
     actions, _ = policy.predict(seen)
-    likely = torch.from_numpy(plan_pool(policy.network, POOL)[0, :, 3, 3]).softmax(dim=0).numpy()
+    likely = torch.from_numpy(plan_scene_set(policy.network, POOL)[0, :, 3, 3]).softmax(dim=0).numpy()
     np.testing.assert_allclose(np.bincount(actions, minlength=8) / 4000, likely, atol=0.03)
 
 
@@ -301,7 +301,7 @@ def test_network_is_kept_without_pickles_and_comes_back_the_same(algorithm):
     file = BytesIO()
     learner.save(file)
     kept = read_network(file.getvalue())
-    np.testing.assert_array_equal(plan_pool(kept.network, POOL), plan_pool(learner.teacher.network, POOL))
+    np.testing.assert_array_equal(plan_scene_set(kept.network, POOL), plan_scene_set(learner.teacher.network, POOL))
     assert pack_network(*unpack_network(file.getvalue())) == file.getvalue()
 
 
@@ -352,7 +352,7 @@ def test_imitation_sees_each_scene_once_before_any_a_second_time(monkeypatch):
 
 def test_planner_learns_the_way_on_maps_of_another_size_by_imitation():
     learner = learn(PlannerConfig(total_scenes=1600), tiny_pool(64, (10, 10)))
-    episodes = play(learner.policy, tiny_pool(50, (14, 17), seed=9))
+    episodes = play_scene_set(learner.policy, tiny_pool(50, (14, 17), seed=9))
     assert episodes.is_success.mean() > 0.9
     assert episodes.spl.mean() > 0.9
 
@@ -360,12 +360,12 @@ def test_planner_learns_the_way_on_maps_of_another_size_by_imitation():
 def test_planner_learns_the_way_by_ppo_alone():
     pool = tiny_pool(64, (10, 10))
     config = PlannerPpoConfig(total_timesteps=60_000, scenes=8, robots=16)
-    before, after = (play(each.policy, pool) for each in (config.build(pool, 0), learn(config, pool)))
+    before, after = (play_scene_set(each.policy, pool) for each in (config.build(pool, 0), learn(config, pool)))
     assert after.spl.mean() > before.spl.mean() + 0.1
 
 
 def test_rules_of_ppo_are_those_of_the_environment_in_cells():
-    rules = rules_of(POOL, np.arange(len(POOL)))
+    rules = transition_tables_of(POOL, np.arange(len(POOL)))
     columns, rows = POOL.shape
     for flat in range(0, len(POOL) * columns * rows, 7):
         scene, i, j = np.unravel_index(flat, (len(POOL), columns, rows))
@@ -410,7 +410,7 @@ def test_networks_answer_for_maps_of_any_size():
     maps = maps_of(tiny_pool(2, (11, 13)), np.arange(2))
     for config in SMALL.values():
         found = config.build_network()(maps)
-        assert isinstance(found, Plan)
+        assert isinstance(found, MapPlan)
         assert found.logits.shape == (2, 8, 11, 13)
         assert found.to_go.shape == (2, 11, 13)
 

@@ -16,15 +16,23 @@ from PIL import Image
 
 from agents.registry import model_class
 from agents.rollout.episode import arguments_of, evaluation_env, roll_out
-from agents.rollout.scene_set import play
+from agents.rollout.scene_set import play_scene_set
 from agents.runs.manifest import Config
-from agents.runs.pretrained import MODELS, Entry, Models, PretrainedError, Score, load_pretrained, write_models
+from agents.runs.pretrained import (
+    MODELS,
+    Models,
+    PretrainedEntry,
+    PretrainedError,
+    PretrainedScore,
+    load_pretrained,
+    write_models,
+)
 from agents.runs.problem import problem_of
 from agents.runs.run_folder import Run
 from agents.vec_env import IrsNavVecEnv
 from eval.commands.watch import fit
 from irs_gym import RadioMap, load_scene
-from irs_gym.datasets.scene_set import build_pool
+from irs_gym.datasets.scene_set import build_scene_set
 from irs_gym.mdp.task import Task
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,7 +51,7 @@ def test_model_scores_what_its_manifest_says(entry):
     given = {name: getattr(entry.task, name) for name in ("target_db", "phase_bits", "irs_elements")}
     pretrained = load_pretrained(entry.config.algorithm, **given)
     assert pretrained.entry == entry
-    assert Score.of(pretrained.play()) == entry.score
+    assert PretrainedScore.of(pretrained.play()) == entry.score
     assert entry.score.oracle_distance == pytest.approx(pretrained.make_env().unwrapped.oracle.distance, abs=1e-9)
     assert (MODELS / entry.file).stat().st_size < 600_000
 
@@ -144,14 +152,14 @@ def test_kept_policy_acts_as_the_one_that_was_trained(tmp_path, algorithm, setti
     run = save_run(tmp_path / "run", algorithm, 3, **settings)
     model = run.load_model()
     content = run.read_model()
-    score = Score.of(roll_out(model, evaluation_env(TASK)))
-    entry = Entry(
+    score = PretrainedScore.of(roll_out(model, evaluation_env(TASK)))
+    entry = PretrainedEntry(
         file="it.npz", sha256=sha256(content).hexdigest(), config=run.config, steps=1, chosen_among=1, score=score,
         versions={}, commit=None,
     )  # fmt: skip
     write_models(tmp_path / "models", [entry], {"it.npz": content})
     kept = load_pretrained(algorithm, folder=tmp_path / "models")
-    assert Score.of(kept.play()) == score
+    assert PretrainedScore.of(kept.play()) == score
     observations = np.random.default_rng(0).uniform(-1, 1, (500, *kept.policy.observation_space.shape))
     actions, _ = kept.predict(observations.astype(np.float32), deterministic=True)
     assert np.array_equal(actions, model.predict(observations.astype(np.float32), deterministic=True)[0])
@@ -276,7 +284,7 @@ def test_generalist_is_small_and_acts_in_scenes_of_its_own(entry):
 def test_generalist_scores_what_its_manifest_says():
     pretrained = load_pretrained("planner")
     env = pretrained.entry.config.env
-    episodes = play(pretrained.policy, build_pool(env["test_split"], env["test_scenes"], progress=False))
+    episodes = play_scene_set(pretrained.policy, build_scene_set(env["test_split"], env["test_scenes"], progress=False))
     assert episodes.is_success.mean() == pretrained.entry.success
     assert episodes.spl.mean() == pytest.approx(pretrained.entry.spl, abs=1e-4)
     assert pretrained.entry.success >= 0.995

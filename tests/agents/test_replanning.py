@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tiny_pool import tiny_pool
 
-from agents.policies.heuristics import REFERENCES, oracle, replanning
+from agents.policies.heuristics import REFERENCE_POLICIES, oracle, replanning
 from agents.rollout.episode import roll_out
 from irs_gym import RadioMap
 from irs_gym.grid import MOVE_LENGTHS, MOVES
@@ -124,4 +124,4 @@ def test_a_new_episode_forgets_what_was_seen():
 
 def test_it_is_one_of_the_references():
     env = gymnasium.make(ID)
-    assert roll_out(REFERENCES["replanning"](env, 0), env).is_success
+    assert roll_out(REFERENCE_POLICIES["replanning"](env, 0), env).is_success

@@ -13,17 +13,17 @@ from irs_gym.datasets.generator import (
     DIFFICULTIES,
     LEAST_RANGE_DB,
     Difficulty,
-    draw,
+    draw_solved_scene,
     generate_scene,
     least_distance,
 )
-from irs_gym.datasets.scene_set import build_pool
+from irs_gym.datasets.scene_set import build_scene_set
 from irs_gym.oracle.shortest_path import highest_feasible_target, largest_component, shortest_path
 from irs_gym.radio.radio_map import build_radio_map
 from irs_gym.radio.scene import load_scene
 from irs_gym.units import wavelength_m
 
-SAMPLE = [draw(np.random.default_rng(seed)) for seed in range(40)]
+SAMPLE = [draw_solved_scene(np.random.default_rng(seed)) for seed in range(40)]
 SCENES = [each.scene for each in SAMPLE]
 PAPER = load_scene("paper")
 
@@ -66,15 +66,15 @@ def test_three_of_five_scenes_are_drawn_until_they_need_a_detour_and_some_of_the
 
 
 def test_seven_of_ten_test_scenes_need_a_detour_over_5_percent():
-    assert np.mean(detours(build_pool("test", 200)) > 1.05) == pytest.approx(0.717, abs=0.03)
+    assert np.mean(detours(build_scene_set("test", 200)) > 1.05) == pytest.approx(0.717, abs=0.03)
 
 
 def test_every_hard_scene_needs_a_detour_over_20_percent():
-    assert min(draw(np.random.default_rng(seed), "hard").detour for seed in range(8)) > 1.2
+    assert min(draw_solved_scene(np.random.default_rng(seed), "hard").detour for seed in range(8)) > 1.2
 
 
 def test_easy_scenes_are_easier_than_those_of_the_default():
-    easy = [draw(np.random.default_rng(seed), "easy").detour for seed in range(20)]
+    easy = [draw_solved_scene(np.random.default_rng(seed), "easy").detour for seed in range(20)]
     assert np.median(easy) < 1.05 < np.median([each.detour for each in SAMPLE])
 
 

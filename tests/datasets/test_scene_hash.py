@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from irs_gym.datasets.generator import Difficulty, draw
+from irs_gym.datasets.generator import Difficulty, draw_solved_scene
 from irs_gym.datasets.scene_hash import scene_hash, symmetries
 from irs_gym.datasets.solved_scene import solve
 from irs_gym.radio.scene import Scene, load_scene
 
 LEVEL = Difficulty(panels=("usual", "two"))
-SAMPLE = [draw(np.random.default_rng([3, seed]), LEVEL) for seed in range(4)]
+SAMPLE = [draw_solved_scene(np.random.default_rng([3, seed]), LEVEL) for seed in range(4)]
 PAPER, WORKSHOP = load_scene("paper"), load_scene("workshop")
 
 

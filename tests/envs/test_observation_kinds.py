@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from tiny_pool import tiny_pool
 
-from agents.policies.heuristics import REFERENCES
+from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.rollout.episode import roll_out
 from irs_gym.mdp.observation import Packing
 
@@ -93,7 +93,7 @@ def test_references_play_on_masked_observations_and_say_what_a_cell_lacks():
     env_id, more = RANDOM
     env = gymnasium.make(env_id, observation="masked", patch_radius=2, **more)
     plain = gymnasium.make(env_id, patch_radius=2, **more)
-    for make_policy in REFERENCES.values():
+    for make_policy in REFERENCE_POLICIES.values():
         for number in (0, 5):
             options = {"scene_id": number}
             mine = roll_out(make_policy(env, 0), env, options=options)
@@ -101,7 +101,7 @@ def test_references_play_on_masked_observations_and_say_what_a_cell_lacks():
             np.testing.assert_array_equal(mine.path, theirs.path)
     told = gymnasium.make(env_id, observation="cell", **more)
     with pytest.raises(ValueError, match="observation='cell' tells no goal"):
-        roll_out(REFERENCES["oracle"](told, 0), told)
+        roll_out(REFERENCE_POLICIES["oracle"](told, 0), told)
 
 
 @pytest.mark.parametrize(("observation", "policy"), [("masked", "MultiInputPolicy"), ("cell", "MlpPolicy")])

@@ -13,10 +13,10 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from tiny_pool import tiny_pool
 
-from agents.policies.heuristics import REFERENCES, oracle
+from agents.policies.heuristics import REFERENCE_POLICIES, oracle
 from agents.rollout.episode import roll_out
 from irs_gym import load_scene
-from irs_gym.datasets.scene_set import Pool, pool_of
+from irs_gym.datasets.scene_set import SceneSet, scene_set_of
 from irs_gym.envs.random_nav import IrsNavRandomEnv
 from irs_gym.radio.scene import Scene
 
@@ -50,8 +50,8 @@ def small_room() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def rooms() -> Pool:
-    return pool_of([paper(target_db=-62.2, phase_bits=2), small_room()])
+def rooms() -> SceneSet:
+    return scene_set_of([paper(target_db=-62.2, phase_bits=2), small_room()])
 
 
 # --- each scene is played as it is alone ----------------------------------------------------------------------------
@@ -168,7 +168,7 @@ def test_the_oracles_path_succeeds_in_every_scene(observation):
 
 def test_every_reference_plays_in_every_scene():
     env = make(patch_radius=2)
-    for name, make_policy in REFERENCES.items():
+    for name, make_policy in REFERENCE_POLICIES.items():
         policy = make_policy(env, 0)
         episodes = [roll_out(policy, env, options={"scene_id": number}) for number in range(4)]
         assert [each.oracle_distance for each in episodes] == POOL.oracle_distance[:4].tolist()
@@ -181,9 +181,10 @@ def test_references_serve_a_vector_env_of_scenes_of_their_own():
     single = make()
     for name in ("oracle", "greedy", "greedy_margin"):
         alone = [
-            int(REFERENCES[name](single, 0).predict(single.reset(options={"scene_id": n})[0])[0]) for n in range(8)
+            int(REFERENCE_POLICIES[name](single, 0).predict(single.reset(options={"scene_id": n})[0])[0])
+            for n in range(8)
         ]
-        assert REFERENCES[name](batch, 0).predict(observation)[0].tolist() == alone
+        assert REFERENCE_POLICIES[name](batch, 0).predict(observation)[0].tolist() == alone
 
 
 # --- where the scenes come from --------------------------------------------------------------------------------------
@@ -261,7 +262,7 @@ def test_bad_options_are_refused_by_name(options, message):
 
 
 def test_a_name_of_several_scenes_is_refused():
-    pool = Pool(**{**{name: getattr(POOL, name) for name in POOL.__dataclass_fields__}, "names": ("same",) * 8})
+    pool = SceneSet(**{**{name: getattr(POOL, name) for name in POOL.__dataclass_fields__}, "names": ("same",) * 8})
     with pytest.raises(ValueError, match="'same' is the name of 8 scenes: give a number"):
         make(scenes=pool).reset(options={"scene_id": "same"})
 

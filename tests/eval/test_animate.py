@@ -14,7 +14,7 @@ from agents.rollout.episode import arguments_of
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
 from eval.commands.animate import LAST_MS, as_gif, film, main
-from eval.load_policy import Cast, Place
+from eval.load_policy import LoadedPolicy, Place
 from irs_gym.mdp.task import Task
 
 CLOSE = Task(observation="flat", patch_radius=1, irs_phases=False, target_db=-62.2, start=(30, 22), goal=(33, 20))
@@ -31,7 +31,7 @@ def frames_of(content: bytes) -> list[np.ndarray]:
 
 def test_film_has_the_picture_before_any_move_and_one_for_each_step():
     env = gymnasium.make("irs_gym:IrsNav-v0", render_mode="rgb_array", **arguments_of(CLOSE))
-    frames, summary = film(Cast(oracle(env), env))
+    frames, summary = film(LoadedPolicy(oracle(env), env))
     steps = len(env.unwrapped.path) - 1
     assert len(frames) == 1 + steps > 3
     assert "reached the goal after" in summary
@@ -42,7 +42,7 @@ def test_film_has_the_picture_before_any_move_and_one_for_each_step():
 
 def test_gif_holds_every_frame_in_its_colours_and_holds_the_last():
     env = gymnasium.make("irs_gym:IrsNav-v0", render_mode="rgb_array", **arguments_of(CLOSE))
-    frames, _ = film(Cast(oracle(env), env))
+    frames, _ = film(LoadedPolicy(oracle(env), env))
     content = as_gif(frames, fps=20)
     for ours, theirs in zip(frames_of(content), frames, strict=True):
         assert np.abs(ours.astype(int) - theirs).mean() < 2

@@ -14,7 +14,7 @@ from evaluating import call
 from markdown_it import MarkdownIt
 from PIL import Image
 
-from agents.policies.heuristics import REFERENCES
+from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.rollout.episode import arguments_of, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
@@ -90,7 +90,7 @@ def make_run(tmp_path, model):
 def board_of(monkeypatch, folder: Path) -> dict:
     """The scoreboard of a folder, without the time that its pictures take."""
     monkeypatch.setattr(board, "draw_curves", lambda curves: b"")
-    monkeypatch.setattr(board, "draw_paths", lambda *paths, **settings: b"")
+    monkeypatch.setattr(board, "draw_path_overlay", lambda *paths, **settings: b"")
     assert call(monkeypatch, "board", folder, "--episodes", 3) == 0
     return json.loads((folder / "board.json").read_text())
 
@@ -178,7 +178,8 @@ def test_runs_are_grouped_by_problem_and_settings(monkeypatch, tmp_path, make_ru
         make_run("longer", seed, task=replace(TASK, shaping=False))
     problems = board_of(monkeypatch, tmp_path / "runs")["problems"]
     rows = [
-        {each["name"]: each["seeds"] for each in problem["standings"][1 : 1 - len(REFERENCES)]} for problem in problems
+        {each["name"]: each["seeds"] for each in problem["standings"][1 : 1 - len(REFERENCE_POLICIES)]}
+        for problem in problems
     ]
     assert rows == [{"PPO": [0, 1], "PPO, shaping False": [0, 1]}, {"PPO": [0, 1]}]
     assert len({problem["label"] for problem in problems}) == 2
@@ -193,7 +194,7 @@ def test_settings_shared_by_all_are_not_in_the_names(make_run):
 def test_references_stand_beside_the_agents(monkeypatch, tmp_path, make_run):
     make_run("optimal", 0)
     standings = board_of(monkeypatch, tmp_path / "runs")["problems"][0]["standings"]
-    names = [name.replace("_", " ") for name in REFERENCES]
+    names = [name.replace("_", " ") for name in REFERENCE_POLICIES]
     assert [each["name"] for each in standings] == [names[0], "PPO", *names[1:]]
     assert [len(each["seeds"]) for each in standings] == [1, 1, 1, 1, 1, 3, 3]
 
@@ -247,7 +248,7 @@ def test_ablations_tell_how_many_times_the_usual_steps_each_variant_takes(monkey
         make_run("optimal", seed)  # 200 steps to the optimum
         make_run("optimal", seed, gamma=0.9, rows=later)
         make_run("longer", seed, task=replace(TASK, shaping=False))
-    monkeypatch.setattr(board, "draw_paths", lambda *paths, **settings: b"")
+    monkeypatch.setattr(board, "draw_path_overlay", lambda *paths, **settings: b"")
     assert call(monkeypatch, "ablations", tmp_path / "runs", "--out", tmp_path / "docs") == 0
     page = (tmp_path / "docs/ablations.md").read_text()
     assert "| PPO | 1.00 | 3 of 3 |" in page

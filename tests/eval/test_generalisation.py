@@ -13,9 +13,9 @@ from agents.learning.local_configs import ExplorerConfig
 from agents.learning.map_configs import PlannerConfig
 from agents.learning.map_learner import MapLearner
 from agents.policies.replanning import Replanner
-from agents.rollout.scene_set import Episodes, play
+from agents.rollout.scene_set import SceneSetResults, play_scene_set
 from agents.runs.manifest import Config
-from agents.runs.pretrained import GeneralistModel, Models, PretrainedError, load_pretrained
+from agents.runs.pretrained import GeneralistPretrainedEntry, Models, PretrainedError, load_pretrained
 from agents.runs.run_folder import Run
 from eval.commands import generalisation
 from eval.statistics import ONE_SEED, paired_difference
@@ -56,8 +56,10 @@ def runs(tmp_path):
 @pytest.fixture
 def small(monkeypatch):
     """Small pools in place of the sets, and no measuring of speed."""
-    monkeypatch.setattr(generalisation, "build_pool", lambda name, scenes: tiny_pool(scenes, (12, 11), seed=len(name)))
-    monkeypatch.setattr(generalisation, "largest_pool", lambda scenes: tiny_pool(2, (20, 20), seed=7))
+    monkeypatch.setattr(
+        generalisation, "build_scene_set", lambda name, scenes: tiny_pool(scenes, (12, 11), seed=len(name))
+    )
+    monkeypatch.setattr(generalisation, "largest_scene_set", lambda scenes: tiny_pool(2, (20, 20), seed=7))
     rates = {"load_before": 0.5, "scenes_per_second": 12.0, "steps_per_second": {"64": 1e6, "1024": 3e6}, "maps": 9}
     monkeypatch.setattr(generalisation, "throughput", lambda: rates)
 
@@ -81,11 +83,11 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
     assert explorer["seeds"] == [0, 1]
     assert (explorer["seconds"], explorer["steps_per_second"]) == (4.5, np.median([80 / 4, 80 / 5]))
     pool = tiny_pool(8, (12, 11), seed=4)
-    by_hand = [play(Run.open(runs / f"explorer{seed}").load_model(), pool) for seed in (0, 1)]
+    by_hand = [play_scene_set(Run.open(runs / f"explorer{seed}").load_model(), pool) for seed in (0, 1)]
     found = explorer["sets"]["test"]["all"]
     assert found["spl_by_seed"] == pytest.approx([each.spl.mean() for each in by_hand])
     assert found["success"]["value"] == pytest.approx(np.mean([each.is_success for each in by_hand]))
-    rival = play(Replanner(pool.shape, 5), pool)
+    rival = play_scene_set(Replanner(pool.shape, 5), pool)
     assert found["over_replanning"]["value"] == pytest.approx(
         np.mean([each.spl - rival.spl for each in by_hand]), abs=1e-12
     )
@@ -105,7 +107,7 @@ def test_what_was_played_is_played_once_and_anew_for_another_model(tmp_path):
 
     def episodes(pool):
         played.append(pool)
-        return Episodes(np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance)
+        return SceneSetResults(np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance)
 
     file, player = tmp_path / "new/kept.npz", Player("it", episodes)
     first = policy_results.kept(file, POOL, "a", player)
@@ -133,7 +135,7 @@ def test_what_was_played_is_played_anew_where_its_file_is_forged_or_damaged(tmp_
 
     def episodes(pool):
         played.append(pool)
-        return Episodes(np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance)
+        return SceneSetResults(np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance)
 
     policy_results.kept(file, POOL, "a", Player("it", episodes))
     with np.load(file) as arrays:
@@ -206,7 +208,9 @@ def test_best_generalist_is_kept_and_loaded_only_as_it_was_kept(monkeypatch, run
     assert (entries["planner"].config.seed, entries["planner"].chosen_among) == (1, 4)
     kept = load_pretrained("planner", folder=models, split="val", num_scenes=2)
     run = Run.open(runs / "planner1")
-    np.testing.assert_array_equal(play(kept.policy, POOL).distance, play(run.load_model(), POOL).distance)
+    np.testing.assert_array_equal(
+        play_scene_set(kept.policy, POOL).distance, play_scene_set(run.load_model(), POOL).distance
+    )
     assert load_pretrained("explorer", folder=models, split="ood-size").policy.shape == (80, 80)
     with pytest.raises(PretrainedError, match="observation='map', not 'flat'"):
         load_pretrained("planner", folder=models, observation="flat")
@@ -216,7 +220,7 @@ def test_best_generalist_is_kept_and_loaded_only_as_it_was_kept(monkeypatch, run
     path.write_bytes(path.read_bytes() + b"x")
     with pytest.raises(PretrainedError, match="is not loaded"):
         load_pretrained("planner", folder=models)
-    assert isinstance(entries["planner"], GeneralistModel)
+    assert isinstance(entries["planner"], GeneralistPretrainedEntry)
     assert sha256(path.read_bytes()[:-1]).hexdigest() == entries["planner"].sha256
 
 
@@ -240,7 +244,7 @@ def test_files_and_references_are_scored_beside_runs(monkeypatch, capsys, runs, 
 def test_throughput_counts_scenes_and_steps(monkeypatch):
     monkeypatch.setattr(throughput, "ROUNDS", 2)
     drawn = []
-    monkeypatch.setattr(throughput, "draw", lambda rng: drawn.append(generator.draw(rng)))
+    monkeypatch.setattr(throughput, "draw_solved_scene", lambda rng: drawn.append(generator.draw_solved_scene(rng)))
 
     class Env:
         def __init__(self, robots, **_):

@@ -9,12 +9,12 @@ from tiny_pool import tiny_pool
 from agents.policies.explorer_policy import Explorer
 from agents.policies.replanning import Replanner
 from agents.rollout.episode import roll_out
-from agents.rollout.scene_set import play
+from agents.rollout.scene_set import play_scene_set
 from agents.runs.pretrained import MODELS, load_pretrained
-from eval.load_policy import AT_HOME, Place, cast
+from eval.load_policy import AT_HOME, Place, load_policy
 from irs_gym import load_scene, shortest_path
 from irs_gym.datasets import random_task
-from irs_gym.datasets.scene_set import pool_of
+from irs_gym.datasets.scene_set import scene_set_of
 
 POOL = tiny_pool(4, (50, 40), seed=1)
 
@@ -28,7 +28,7 @@ def splits(monkeypatch):
         asked.append((split, num_scenes))
         return POOL
 
-    monkeypatch.setattr(random_task, "build_pool", build)
+    monkeypatch.setattr(random_task, "build_scene_set", build)
     random_task._build_worlds.cache_clear()
     yield asked
     random_task._build_worlds.cache_clear()
@@ -41,42 +41,42 @@ def episode_of(found):
 @pytest.mark.parametrize("name", ["planner", "explorer", "models/explorer.npz", "replanning"])
 def test_policies_of_many_scenes_play_the_generated_scene_that_is_named(splits, name):
     name = name.replace("models", str(MODELS))
-    found = cast(name, Place(split="ood-size", scene_id=2), "ansi")
+    found = load_policy(name, Place(split="ood-size", scene_id=2), "ansi")
     assert splits == [("ood-size", 3)]
     policy = Replanner(POOL.shape, 5) if name == "replanning" else load_pretrained(name.split("/")[-1][:8]).policy
-    assert episode_of(found).distance == pytest.approx(play(policy, POOL).distance[2])
+    assert episode_of(found).distance == pytest.approx(play_scene_set(policy, POOL).distance[2])
     if isinstance(found.policy, Explorer):
         assert found.policy.shape == POOL.shape
 
 
 def test_policies_of_many_scenes_play_the_first_test_scene_at_home_and_one_scene_as_it_is_changed(splits):
-    cast("planner", AT_HOME, "ansi")
+    load_policy("planner", AT_HOME, "ansi")
     assert splits == [("test", 1)]
-    found = cast("planner", Place(target_db=-62.0, phase_bits=2, irs_elements=600), "ansi")
+    found = load_policy("planner", Place(target_db=-62.0, phase_bits=2, irs_elements=600), "ansi")
     inner = found.env.unwrapped
     paper = load_scene("paper").with_irs_elements(600)
-    expected = pool_of([paper.model_copy(update={"target_db": -62.0, "phase_bits": 2})])
+    expected = scene_set_of([paper.model_copy(update={"target_db": -62.0, "phase_bits": 2})])
     np.testing.assert_array_equal(inner.radio_map.gain_db, expected.gain_db[0])
     assert inner.world.target_db == -62.0
     assert episode_of(found).oracle_distance == pytest.approx(expected.oracle_distance[0])
 
 
 def test_references_play_the_task_and_the_generated_scenes(splits):
-    found = cast("oracle", Place(target_db=-63.0), "ansi")
+    found = load_policy("oracle", Place(target_db=-63.0), "ansi")
     assert found.env.spec.id == "IrsNav-v0"
     assert episode_of(found).distance == pytest.approx(21.571, abs=1e-3)
     assert not splits
-    found = cast("oracle", Place(scene_id=1), "ansi")
+    found = load_policy("oracle", Place(scene_id=1), "ansi")
     path = shortest_path(POOL.feasible[1], tuple(POOL.start[1].tolist()), tuple(POOL.goal[1].tolist()), 0.5)
     assert episode_of(found).distance == pytest.approx(path.distance)
 
 
 def test_pretrained_agents_of_one_task_play_it_alone():
-    found = cast("ppo", Place(target_db=-62.5, phase_bits=1), "ansi")
+    found = load_policy("ppo", Place(target_db=-62.5, phase_bits=1), "ansi")
     assert isinstance(found.env, gymnasium.Env)
     assert episode_of(found).ratio == pytest.approx(1.0)
     with pytest.raises(ValueError, match="split cannot be given here: this policy learned in one scene"):
-        cast("ppo", Place(split="test"), "ansi")
+        load_policy("ppo", Place(split="test"), "ansi")
 
 
 @pytest.mark.parametrize(

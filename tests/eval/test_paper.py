@@ -19,7 +19,7 @@ from eval.paper.curve_figures import draw_distance_over_target
 from eval.paper.distance_claims import excess, extra_elements, lost_db
 from eval.paper.map_claims import model_claims
 from eval.paper.map_figures import draw_gain_maps, draw_scene
-from eval.paper.scaling import Cost
+from eval.paper.scaling import ScalingCost
 from eval.paper.sections import claims_section, open_choices_section
 from eval.paper.segments import dips_of_map, dips_of_path
 from eval.paper.study import CONTINUOUS, ONE_BIT, SCHEMES, THREE_BIT, TWO_BIT, WITHOUT, Study
@@ -302,13 +302,13 @@ def test_costs_are_measured_in_processes_of_their_own_and_read_again(tmp_path, m
     assert 10 < idle.peak_mib <= radio_map.peak_mib + 5 < 400
 
 
-def some_costs(**changes: float) -> list[Cost]:
-    costs = [Cost("imports alone", 0, 0.0, 70.0, None)]
+def some_costs(**changes: float) -> list[ScalingCost]:
+    costs = [ScalingCost("imports alone", 0, 0.0, 70.0, None)]
     for cells in (1600, 40_000, 1_000_000):
         seconds = changes.get("seconds", 2e-3) * (cells / 1600) ** changes.get("power", 1.0)
-        costs.append(Cost("map, continuous phases", cells, seconds, changes.get("peak_mib", 100.0), None))
-        costs.append(Cost("path, irs_gym", cells, seconds, 100.0, 20.0))
-        costs.append(Cost("path, networkx", cells, seconds, 100.0, 20.0 + changes.get("apart", 0.0)))
+        costs.append(ScalingCost("map, continuous phases", cells, seconds, changes.get("peak_mib", 100.0), None))
+        costs.append(ScalingCost("path, irs_gym", cells, seconds, 100.0, 20.0))
+        costs.append(ScalingCost("path, networkx", cells, seconds, 100.0, 20.0 + changes.get("apart", 0.0)))
     return costs
 
 

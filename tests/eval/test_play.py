@@ -47,7 +47,7 @@ def test_every_set_of_keys_moves_in_all_eight_directions(pygame, set_of_keys):
     env.unwrapped.step = lambda action, step=env.unwrapped.step: taken.append(MOVE_NAMES[action]) or step(action)
     press(pygame, *(pygame.key.key_code(play.NAMES[action][set_of_keys]) for action in range(8)))
     close(pygame)
-    play.play(env, seed=0)
+    play.play_by_keyboard(env, seed=0)
     assert taken == ["E", "NE", "N", "NW", "W", "SW", "S", "SE"]
     env.close()
 
@@ -58,7 +58,7 @@ def test_an_episode_ends_is_told_and_begins_anew_on_r(pygame):
     press(pygame, *to_goal, pygame.K_LEFT, pygame.K_r, pygame.K_RIGHT)  # left comes after the end: nothing moves
     press(pygame, pygame.K_ESCAPE)
     told = []
-    play.play(env, seed=0, tell=told.append)
+    play.play_by_keyboard(env, seed=0, tell=told.append)
     assert told == ["goal reached, SPL 1.000: 1.914 m, the oracle needs 1.914 m"]
     assert env.unwrapped.path == [(30, 22), (31, 22)]
     env.close()
@@ -71,7 +71,7 @@ def test_title_tells_how_far_the_robot_came(pygame):
     try:
         press(pygame, pygame.K_RIGHT)
         close(pygame)
-        play.play(env)
+        play.play_by_keyboard(env)
     finally:
         play._show = show
     assert titles[0] == "0.00 m of 1.91 m"

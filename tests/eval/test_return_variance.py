@@ -9,7 +9,14 @@ from evaluating import call
 
 from eval.commands import shaping
 from eval.commands.ablations import GAMMAS, discounts_section
-from eval.scoreboard.return_variance import best_ratios, count_longer, optimal_values, outlooks, random_spread, reached
+from eval.scoreboard.return_variance import (
+    best_ratios,
+    count_longer,
+    optimal_values,
+    random_spread,
+    reached,
+    return_variances,
+)
 from irs_gym.mdp.dynamics import tabulate, transition
 from irs_gym.mdp.task import Task, World, build_world
 from irs_gym.oracle.shortest_path import shortest_path
@@ -56,7 +63,7 @@ def test_the_spread_is_that_of_sampled_returns(world, gamma):
 def test_a_discount_near_one_leaves_the_best_path_the_best_and_a_small_one_does_not():
     # the goal's bonus is far away: under a strong discount, moves that cost nothing now are worth more
     world = build_world(Task())
-    near, far = outlooks(world, [0.98, 0.3])
+    near, far = return_variances(world, [0.98, 0.3])
     assert near.ratio == pytest.approx(1.0, abs=1e-12)
     assert far.ratio > 1.0
     assert near.episodes == pytest.approx((near.spread / (0.02 * 23.2279)) ** 2, rel=1e-4)
@@ -123,7 +130,7 @@ def test_a_spiral_is_one_corridor():
 def test_the_pages_say_what_is_computed():
     world = build_world(Task())
     distance = float(tabulate(world, world.goal).distance_to_go[world.start])
-    section = discounts_section(distance, outlooks(world, GAMMAS)).strip()
+    section = discounts_section(distance, return_variances(world, GAMMAS)).strip()
     assert section in (DOCS / "ablations.md").read_text(encoding="utf-8")
     page = (DOCS / "shaping.md").read_text(encoding="utf-8")
     assert shaping.paper_section().strip() in page

@@ -10,15 +10,15 @@ from evaluating import call
 from PIL import Image
 from rich.console import Console
 
-from agents.policies.heuristics import REFERENCES, greedy, oracle
-from agents.rollout.episode import Episode, arguments_of, evaluation_env, roll_out
+from agents.policies.heuristics import REFERENCE_POLICIES, greedy, oracle
+from agents.rollout.episode import EpisodeResult, arguments_of, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
 from agents.single.ppo import PpoConfig
 from agents.vec_env import IrsNavVecEnv
 from eval.commands.score import table
-from eval.scoreboard.overlay import draw_paths
-from eval.scoreboard.score import play, score
+from eval.scoreboard.overlay import draw_path_overlay
+from eval.scoreboard.score import play_references, score
 from irs_gym import RadioMap
 from irs_gym.mdp.task import Task
 
@@ -39,10 +39,10 @@ def untrained():
     return TINY.build(IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK)), 0)
 
 
-def episode(*, is_success: bool, distance: float, refused: int = 0) -> Episode:
+def episode(*, is_success: bool, distance: float, refused: int = 0) -> EpisodeResult:
     spl = 10.0 / distance if is_success else 0.0
     progress = 1.0 if is_success else 0.25
-    return Episode(is_success, distance, 10.0, spl, progress, refused, 20, 0.0, np.zeros((1, 2), dtype=np.int64))
+    return EpisodeResult(is_success, distance, 10.0, spl, progress, refused, 20, 0.0, np.zeros((1, 2), dtype=np.int64))
 
 
 @pytest.mark.parametrize("target_db", [-63.0, -61.8, -60.0])
@@ -104,7 +104,7 @@ def test_policy_that_never_arrives_has_no_ratio():
 
 def test_random_policies_play_many_episodes_and_do_the_same_again():
     env = evaluation_env(Task(target_db=-64.0))
-    played = [play(env, {}, episodes=3, seed=5) for _ in range(2)]
+    played = [play_references(env, {}, episodes=3, seed=5) for _ in range(2)]
     assert {name: len(each) for name, each in played[0].items()} == {
         "oracle": 1, "replanning": 1, "greedy": 1, "greedy_margin": 1, "masked_random": 3, "random": 3,
     }  # fmt: skip
@@ -116,7 +116,7 @@ def test_run_is_scored_beside_all_references(monkeypatch, capsys, run):
     assert call(monkeypatch, "score", run.folder, "--episodes", 2) == 0
     record = json.loads((run.folder / "scores.json").read_text())
     rows = {row["policy"]: row for row in record["scores"]}
-    assert list(rows) == ["oracle", "ppo", *(name for name in REFERENCES if name != "oracle")]
+    assert list(rows) == ["oracle", "ppo", *(name for name in REFERENCE_POLICIES if name != "oracle")]
     assert rows["oracle"]["ratio"] == pytest.approx(1.0, abs=1e-12)
     assert (rows["ppo"]["success"], rows["ppo"]["ratio"]) == (0.0, None)
     env = evaluation_env(TASK)
@@ -176,7 +176,7 @@ def test_picture_shows_each_path_in_its_place():
     env = evaluation_env(Task(target_db=-62.5))
     world, best = env.unwrapped.world, roll_out(oracle(env), env)
     pictures = [
-        np.asarray(Image.open(BytesIO(draw_paths(world, paths))).convert("RGB")).astype(int)
+        np.asarray(Image.open(BytesIO(draw_path_overlay(world, paths))).convert("RGB")).astype(int)
         for paths in ({"oracle": best}, {"oracle": best, "PPO": best})
     ]
     is_orange = [(np.abs(each - (255, 127, 14)).sum(axis=2) < 30) for each in pictures]
@@ -189,5 +189,5 @@ def test_picture_of_a_map_from_elsewhere():
     gain_db = np.zeros((6, 3))
     gain_db[3, 1] = -np.inf
     env = evaluation_env(Task(radio_map=RadioMap.from_array(gain_db, 1.0), start=(0, 1), goal=(5, 1)))
-    content = draw_paths(env.unwrapped.world, {"oracle": roll_out(oracle(env), env)})
+    content = draw_path_overlay(env.unwrapped.world, {"oracle": roll_out(oracle(env), env)})
     assert Image.open(BytesIO(content)).format == "PNG"

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from eval.benchmark import costs, timing
-from eval.benchmark.costs import Cost
+from eval.benchmark.costs import EventCost
 from eval.benchmark.timing import Rates, Spread
 from eval.commands import speed
 
@@ -28,11 +28,11 @@ def contender(clock, seconds_per_call, transitions_per_call=1):
 
 def test_rates_are_transitions_per_second_in_chunks_of_the_time_asked_for(clock):
     fast, slow = contender(clock, 0.25, transitions_per_call=8), contender(clock, 0.5)
-    rates = timing.race({"fast": fast, "slow": slow}, rounds=3, seconds=2.0)
+    rates = timing.time_in_turns({"fast": fast, "slow": slow}, rounds=3, seconds=2.0)
     began = clock[0]
     assert rates.by_name == {"fast": [32.0] * 3, "slow": [2.0] * 3}
     assert rates.ratio("fast", "slow") == Spread(16.0, 16.0, 16.0)
-    timing.race({"fast": fast}, rounds=10, seconds=2.0)
+    timing.time_in_turns({"fast": fast}, rounds=10, seconds=2.0)
     assert clock[0] - began == pytest.approx(10 * 1.25 * 2.0, abs=2 * 2.0)
 
 
@@ -45,7 +45,7 @@ def test_ratios_are_taken_round_by_round():
 @pytest.mark.parametrize(("rounds", "seconds"), [(0, 1.0), (1, 0.0)])
 def test_a_race_without_rounds_or_time_is_refused(rounds, seconds):
     with pytest.raises(ValueError, match="must be positive"):
-        timing.race({}, rounds, seconds)
+        timing.time_in_turns({}, rounds, seconds)
 
 
 def test_only_a_reset_to_a_new_goal_runs_dijkstra():
@@ -60,7 +60,7 @@ def test_a_bar_is_met_missed_or_not_measured():
     rates["one environment"].by_name["CartPole-v1"] = [2.0]  # exactly what is needed
     rates["64 environments"].by_name["CartPole-v1"] = [1.21]
     bars = speed.judge(
-        rates, [Cost("import irs_gym", Spread(0.6, 0.5, 0.7)), Cost("a new start", Spread(1, 1, 1), 0.5)]
+        rates, [EventCost("import irs_gym", Spread(0.6, 0.5, 0.7)), EventCost("a new start", Spread(1, 1, 1), 0.5)]
     )
     verdicts = {bar.what: bar.is_met for bar in bars}
     assert verdicts["one environment: IrsNav-v0 over CartPole-v1"] is True

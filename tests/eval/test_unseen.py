@@ -11,10 +11,10 @@ from agents.learning.map_configs import PlannerConfig
 from agents.learning.map_learner import MapLearner
 from agents.policies.map_policy import MapPolicy
 from agents.rollout.episode import evaluation_env, roll_out
-from agents.rollout.scene_set import Episodes
+from agents.rollout.scene_set import SceneSetResults
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
-from eval.unseen.scores import detours, paper_pool, pools_of, score_of
+from eval.unseen.scores import detours, paper_scene_set, scene_sets_of, score_of
 from irs_gym import load_scene
 from irs_gym.grid import octile_distance
 from irs_gym.mdp.task import Task
@@ -40,7 +40,7 @@ def scenes(tmp_path):
 
 
 def test_scores_count_failures_and_the_hard_scenes_alone():
-    episodes = Episodes(np.array([True, True, False]), np.array([2.0, 5.0, 9.0]), np.array([2.0, 4.0, 3.0]))
+    episodes = SceneSetResults(np.array([True, True, False]), np.array([2.0, 5.0, 9.0]), np.array([2.0, 4.0, 3.0]))
     whole, hard = score_of(episodes), score_of(episodes, np.array([False, True, True]))
     assert (whole.scenes, whole.success, whole.exact) == (3, 2 / 3, 1 / 3)
     assert whole.spl == pytest.approx((1 + 0.8 + 0) / 3)
@@ -50,7 +50,7 @@ def test_scores_count_failures_and_the_hard_scenes_alone():
 
 
 def test_detour_is_the_oracles_distance_over_the_octile_distance():
-    pool = paper_pool()
+    pool = paper_scene_set()
     straight = octile_distance(np.array([39, 0])) * 0.5
     assert detours(pool) == pytest.approx(pool.oracle_distance / straight)
     assert pool.oracle_distance == pytest.approx([21.571, 21.571, 23.228, 25.642, 25.642], abs=1e-3)
@@ -71,7 +71,7 @@ def test_scores_on_scene_files_are_those_of_playing_each_in_the_environment(monk
 
 def test_scenes_of_different_sizes_are_read_into_one_frame(scenes):
     load_scene("workshop").save(scenes / "workshop.json")
-    (pool,) = pools_of((), 1, scenes).values()
+    (pool,) = scene_sets_of((), 1, scenes).values()
     assert pool.names == ("at-61", "at-63", "workshop")
     assert pool.shape == (64, 40)
 

@@ -12,7 +12,7 @@ import pytest
 from irs_gym.grid import Grid
 from irs_gym.radio.radio_map import build_radio_map
 from irs_gym.radio.scene import load_scene
-from irs_gym.rendering import View, draw, text
+from irs_gym.rendering import View, draw_frame, text_frame
 from irs_gym.rendering.background import COLOUR_MAP, OBSTACLE, ROBOT
 from irs_gym.rendering.layout import round_steps
 from irs_gym.rendering.primitives import font
@@ -68,7 +68,7 @@ def map_of(view, frame):
 
 def robot_of(view, cell):
     """Mean (row, column) of the pixels of the robot's colour in the map, when it is in this cell alone."""
-    return np.argwhere((map_of(view, draw(view, [cell])) == ROBOT).all(axis=-1)).mean(axis=0)
+    return np.argwhere((map_of(view, draw_frame(view, [cell])) == ROBOT).all(axis=-1)).mean(axis=0)
 
 
 def changed(before, after):
@@ -82,7 +82,7 @@ def changed(before, after):
 @pytest.mark.parametrize("size", [320, 512, 900])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_longest_side_is_the_size_and_both_are_even(shape, size):
-    frame = draw(random_view(shape, size), [(0, 0)])
+    frame = draw_frame(random_view(shape, size), [(0, 0)])
     assert frame.dtype == np.uint8
     assert frame.ndim == 3
     assert frame.shape[2] == 3
@@ -93,7 +93,7 @@ def test_longest_side_is_the_size_and_both_are_even(shape, size):
 @pytest.mark.parametrize("size", [320, 512])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_nothing_is_cut_off_at_the_picture_s_edges(shape, size):
-    frame = draw(random_view(shape, size), [(0, 0)])
+    frame = draw_frame(random_view(shape, size), [(0, 0)])
     edges = np.concatenate([frame[0], frame[-1], frame[:, 0], frame[:, -1]])
     assert (edges == 255).all()
 
@@ -132,7 +132,7 @@ def test_cells_are_square(shape):
 
 def test_map_runs_right_with_x_and_up_with_y():
     view = plain_view(oracle_cells=np.zeros((0, 2), dtype=int))
-    picture = map_of(view, draw(view, [START]))
+    picture = map_of(view, draw_frame(view, [START]))
     rows, columns = picture.shape[:2]
     is_obstacle = (picture == OBSTACLE).all(axis=-1)
     upper_left = is_obstacle[: int(0.29 * rows), : int(0.29 * columns)]
@@ -143,7 +143,7 @@ def test_map_runs_right_with_x_and_up_with_y():
 
 def test_every_obstacle_of_the_paper_is_where_the_scene_has_it():
     view, scene = paper_view(), load_scene("paper")
-    frame = draw(view, [view.start])
+    frame = draw_frame(view, [view.start])
     for obstacle in scene.obstacles:
         if obstacle.center != (0.0, 0.0):  # the row drawn as the oracle's path crosses this one
             column, row = view.background.layout.pixels(obstacle.center).astype(int)
@@ -158,7 +158,7 @@ def test_infeasible_cells_are_paler_and_hatched_in_the_map_and_in_the_colour_bar
         lambda view, frame: map_of(view, frame)[-80:-2, -100:-2],
         lambda view, frame: frame[top + height - 40 : top + height - 20, left : left + width],
     ):
-        below, above = (part(view, draw(view, [START])).astype(float) for view in views)
+        below, above = (part(view, draw_frame(view, [START])).astype(float) for view in views)
         assert below.mean() > above.mean() + 40
         assert below.std(axis=(0, 1)).min() > above.std(axis=(0, 1)).max() + 5
 
@@ -172,7 +172,7 @@ def test_lightness_rises_along_the_colour_map_and_obstacles_are_darker():
 
 def test_a_flat_map_and_a_target_off_the_scale_are_drawn():
     view = plain_view(gain_db=np.full((10, 10), -50.0), target_db=-200.0, access_points=(), irs_panels=())
-    colours = {tuple(pixel) for pixel in map_of(view, draw(view, [START]))[5:60, 5:60].reshape(-1, 3)}
+    colours = {tuple(pixel) for pixel in map_of(view, draw_frame(view, [START]))[5:60, 5:60].reshape(-1, 3)}
     assert colours == {tuple(COLOUR_MAP[4].astype(int))}
 
 
@@ -196,7 +196,7 @@ def test_robot_goes_right_with_i_and_up_with_j():
 
 def test_a_move_changes_the_picture_around_the_robot_and_its_margin_only():
     view, trail = plain_view(), [(1, 3), (2, 3), (3, 4), (4, 5)]
-    pixels = changed(draw(view, trail[:-1]), draw(view, trail))
+    pixels = changed(draw_frame(view, trail[:-1]), draw_frame(view, trail))
     layout = view.background.layout
     ends, cell = layout.cell_pixels(trail[-2:])[:, ::-1], layout.map_size[0] / 10
     is_near = ((pixels > ends.min(axis=0) - cell) & (pixels < ends.max(axis=0) + cell)).all(axis=1)
@@ -207,7 +207,7 @@ def test_a_move_changes_the_picture_around_the_robot_and_its_margin_only():
 
 def test_margin_is_written_anew_and_the_target_is_not():
     view = plain_view()
-    pixels = changed(draw(view, [(1, 1)]), draw(view, [(7, 1)]))  # +10 dB, -10 dB
+    pixels = changed(draw_frame(view, [(1, 1)]), draw_frame(view, [(7, 1)]))  # +10 dB, -10 dB
     title = pixels[pixels[:, 0] < view.background.layout.top]
     assert len(title)
     assert title[:, 1].min() >= view.background.margin_at[0]
@@ -216,8 +216,8 @@ def test_margin_is_written_anew_and_the_target_is_not():
 def test_refused_moves_leave_no_trace():
     view, trail = plain_view(), [(1, 6), (1, 6), (2, 6), (3, 6), (3, 6), (4, 5), (4, 5), (4, 4), (4, 4)]
     distinct = [cell for k, cell in enumerate(trail) if k == 0 or cell != trail[k - 1]]
-    assert np.array_equal(draw(view, trail), draw(view, distinct))
-    assert np.array_equal(draw(view, [START, START]), draw(view, [START]))
+    assert np.array_equal(draw_frame(view, trail), draw_frame(view, distinct))
+    assert np.array_equal(draw_frame(view, [START, START]), draw_frame(view, [START]))
 
 
 def test_trail_and_oracle_path_are_both_visible_where_they_coincide():
@@ -231,9 +231,9 @@ def test_trail_and_oracle_path_are_both_visible_where_they_coincide():
     def share(frame, colour):
         return (frame[band] == colour).all(axis=-1).mean()
 
-    assert share(draw(view, trail), ROBOT) == share(draw(bare, trail), ROBOT) > 0.05
-    assert share(draw(view, trail), (255, 255, 255)) > 0.01
-    assert share(draw(bare, trail), (255, 255, 255)) == 0
+    assert share(draw_frame(view, trail), ROBOT) == share(draw_frame(bare, trail), ROBOT) > 0.05
+    assert share(draw_frame(view, trail), (255, 255, 255)) > 0.01
+    assert share(draw_frame(bare, trail), (255, 255, 255)) == 0
 
 
 # --- Frames -------------------------------------------------------------------------------------------------
@@ -242,26 +242,26 @@ def test_trail_and_oracle_path_are_both_visible_where_they_coincide():
 def test_same_input_gives_the_same_frame():
     trail = [(0, 3), (1, 3), (2, 4)]
     view = plain_view()
-    assert np.array_equal(draw(view, trail), draw(view, trail))
-    assert np.array_equal(draw(view, trail), draw(plain_view(), np.array(trail, dtype=np.int32)))
+    assert np.array_equal(draw_frame(view, trail), draw_frame(view, trail))
+    assert np.array_equal(draw_frame(view, trail), draw_frame(plain_view(), np.array(trail, dtype=np.int32)))
 
 
 def test_drawing_leaves_the_background_as_it_was():
     view = plain_view()
     background = view.background
     before = np.array(background.image)
-    frame = draw(view, [(0, 3), (5, 5), (9, 9)])
+    frame = draw_frame(view, [(0, 3), (5, 5), (9, 9)])
     assert view.background is background
     frame[:] = 0  # a frame is the caller's
     assert np.array_equal(np.array(background.image), before)
-    assert not np.shares_memory(draw(view, [START]), draw(view, [START]))
+    assert not np.shares_memory(draw_frame(view, [START]), draw_frame(view, [START]))
 
 
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda view: pickle.loads(pickle.dumps(view))])
 def test_a_copied_or_pickled_view_draws_the_same(duplicate):
     view = plain_view()
-    frame = draw(view, [START])
-    assert np.array_equal(draw(duplicate(view), [START]), frame)
+    frame = draw_frame(view, [START])
+    assert np.array_equal(draw_frame(duplicate(view), [START]), frame)
 
 
 def test_importing_brings_no_pillow_and_drawing_no_plotting_or_window_package():
@@ -269,12 +269,12 @@ def test_importing_brings_no_pillow_and_drawing_no_plotting_or_window_package():
 import sys
 import numpy as np
 from irs_gym.grid import Grid
-from irs_gym.rendering import View, draw, text
+from irs_gym.rendering import View, draw_frame, text_frame
 assert "PIL" not in sys.modules
 view = View(np.full((4, 4), -50.0), -60.0, Grid((4, 4), 1.0, (0.0, 0.0)), (), (), (0, 0), (3, 3), np.zeros((0, 2), int))
-text(view, [(0, 0)])
+text_frame(view, [(0, 0)])
 assert "PIL" not in sys.modules
-draw(view, [(0, 0)])
+draw_frame(view, [(0, 0)])
 assert not {"matplotlib", "pygame", "tkinter"} & set(sys.modules)
 """
     subprocess.run([sys.executable, "-c", program], check=True)
@@ -285,7 +285,7 @@ assert not {"matplotlib", "pygame", "tkinter"} & set(sys.modules)
 
 def test_text_marks_each_thing_in_its_row_and_column():
     view = plain_view()
-    lines = text(view, [(0, 3), (1, 3), (2, 4)]).split("\n")[1:13]
+    lines = text_frame(view, [(0, 3), (1, 3), (2, 4)]).split("\n")[1:13]
     assert lines == [
         "+------A---+",
         "|###.......|",
@@ -305,7 +305,7 @@ def test_text_marks_each_thing_in_its_row_and_column():
 @pytest.mark.parametrize("shape", [(10, 10), (33, 50), (60, 20)])
 def test_text_has_a_row_for_each_j_and_a_column_for_each_i(shape):
     view = random_view(shape, 512)
-    rows = text(view, [(0, 0)]).split("\n")[1:-2]
+    rows = text_frame(view, [(0, 0)]).split("\n")[1:-2]
     assert len(rows) == shape[1] + 2
     assert {len(row) for row in rows} == {shape[0] + 2}
     assert sum(row[1:-1].count("#") for row in rows[1:-1]) == np.isneginf(view.gain_db).sum()
@@ -313,27 +313,27 @@ def test_text_has_a_row_for_each_j_and_a_column_for_each_i(shape):
 
 def test_text_begins_with_target_gain_and_margin():
     view = plain_view()
-    assert text(view, [(1, 1)]).startswith("target -60.00 dB   gain -50.00 dB   margin +10.00 dB\n")
-    assert text(view, [(7, 1)]).startswith("target -60.00 dB   gain -70.00 dB   margin -10.00 dB\n")
+    assert text_frame(view, [(1, 1)]).startswith("target -60.00 dB   gain -50.00 dB   margin +10.00 dB\n")
+    assert text_frame(view, [(7, 1)]).startswith("target -60.00 dB   gain -70.00 dB   margin -10.00 dB\n")
 
 
 def test_text_puts_stations_on_their_wall_or_in_their_cell():
     view = plain_view(access_points=((2.0, 4.1), (-3.0, 2.0)), irs_panels=((2.0, 7.0), (-2.9, 2.1)))
-    rows = text(view, [START]).split("\n")[1:13]
+    rows = text_frame(view, [START]).split("\n")[1:13]
     marks = {(k, row.index(mark)) for mark in "AI" for k, row in enumerate(rows) if mark in row}
     assert marks == {(6, 11), (11, 0), (0, 11), (10, 1)}
 
 
 def test_text_without_stations_or_oracle_has_none_of_their_marks():
     view = plain_view(access_points=(), irs_panels=(), oracle_cells=np.array([]))
-    rows = "".join(text(view, [START]).split("\n")[1:13])
+    rows = "".join(text_frame(view, [START]).split("\n")[1:13])
     assert set(rows) == set("+-|#.~RG")
 
 
 # --- Bad input ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("show", [draw, text])
+@pytest.mark.parametrize("show", [draw_frame, text_frame])
 @pytest.mark.parametrize(
     ("trail", "message"),
     [

@@ -9,7 +9,7 @@ import torch
 from tiny import call, curve
 from tiny_pool import tiny_pool
 
-from agents.networks.map_network import plan_pool
+from agents.networks.map_network import plan_scene_set
 from agents.registry import GENERALISTS, observation_of
 from agents.rollout.scene_set import follow
 from agents.runs.run_folder import Run, RunError
@@ -60,8 +60,8 @@ def pools(monkeypatch):
         asked.append((split, num_scenes))
         return tiny_pool(6, (8, 8), seed=len(split))
 
-    monkeypatch.setattr(scene_set, "build_pool", build)
-    monkeypatch.setattr(random_task, "build_pool", build)
+    monkeypatch.setattr(scene_set, "build_scene_set", build)
+    monkeypatch.setattr(random_task, "build_scene_set", build)
     for name, each in splits.SPLITS.items():
         monkeypatch.setitem(splits.SPLITS, name, replace(each, frame=(8, 8)))
     return asked
@@ -129,8 +129,8 @@ def test_loaded_policy_of_sb3_acts_as_the_model_that_was_saved(tmp_path, algorit
 def test_model_of_a_run_plays_as_well_as_its_manifest_says(tmp_path):
     assert train("planner", tmp_path / "run") == 0
     run = Run.open(tmp_path / "run")
-    tested = scene_set.build_pool("val", 200)
-    episodes = follow(plan_pool(run.load_model("best").network, tested), tested)
+    tested = scene_set.build_scene_set("val", 200)
+    episodes = follow(plan_scene_set(run.load_model("best").network, tested), tested)
     assert episodes.spl.mean() == run.manifest.models["best"].spl
     assert episodes.is_success.mean() == run.manifest.models["best"].success
 

@@ -1,4 +1,6 @@
-"""Build the wheel, install it with its core dependencies alone, and step IrsNav-v0 outside the checkout."""
+"""Build the wheel, install it with its core dependencies alone, and step IrsNav-v0 outside the
+checkout.
+"""
 
 import subprocess
 import sys
@@ -23,18 +25,34 @@ print(f"{env.spec.id} stepped and rendered at {width} x {height} from {__import_
 
 def build(folder: Path) -> Path:
     """Build the wheel into a folder; returns its path."""
-    command = [sys.executable, "-m", "build", "--quiet", "--wheel", "--no-isolation", "-o", str(folder), str(ROOT)]
+    command = [
+        sys.executable,
+        "-m",
+        "build",
+        "--quiet",
+        "--wheel",
+        "--no-isolation",
+        "-o",
+        str(folder),
+        str(ROOT),
+    ]
     subprocess.run(command, check=True)
     (wheel,) = folder.glob("*.whl")
     return wheel
 
 
 def check_contents(wheel: Path) -> None:
-    """Exit with a message unless the wheel holds the package `irs_gym`, whole, and nothing beside it."""
+    """Exit with a message unless the wheel holds the package `irs_gym`, whole, and nothing beside
+    it.
+    """
     with ZipFile(wheel) as archive:
         files = set(archive.namelist())
     others = {name for name in files if not name.startswith(("irs_gym/", "irs_gym-"))}
-    missing = {"irs_gym/py.typed", "irs_gym/scenes/paper.json", "irs_gym/datasets/splits.json"} - files
+    missing = {
+        "irs_gym/py.typed",
+        "irs_gym/scenes/paper.json",
+        "irs_gym/datasets/splits.json",
+    } - files
     if others or missing:
         sys.exit(f"{wheel.name}: not of the package: {sorted(others)}; missing: {sorted(missing)}")
 

@@ -1,8 +1,10 @@
-"""Run the README's blocks for other libraries, each in an environment of its own on top of this one.
+"""Run the README's blocks for other libraries, each in an environment of its own on top of this
+one.
 
-These libraries pin versions of Gymnasium and others that differ from ours and from each other, so none of them can be
-part of ``make test``, which names the blocks that it leaves to this script. What an environment holds comes first;
-whatever else is imported is that of the Python that runs this.
+These libraries pin versions of Gymnasium and others that differ from ours and from each other, so
+none of them can be part of ``make test``, which names the blocks that it leaves to this script.
+What an environment holds comes first; whatever else is imported is that of the Python that runs
+this.
 """
 
 import os
@@ -28,7 +30,8 @@ CLIENTS: dict[str, tuple[str, ...]] = {
     "cleanrl": ("gymnasium==0.29.1", "stable-baselines3==2.2.1"),  # its pin, and the last for it
     "ray.rllib": ("ray[rllib]==2.60.0",),  # pins gymnasium 1.2
 }
-# Installed without what they require: CleanRL's package asks for Python 3.10 and for Gym beside Gymnasium.
+# Installed without what they require: CleanRL's package asks for Python 3.10 and for Gym beside
+# Gymnasium.
 ALONE = {"cleanrl": ("cleanrl==1.2.0",)}
 SOURCE_ONLY = "gym"  # old, pure Python, and never published as a wheel
 CLEANRL = "https://raw.githubusercontent.com/vwxyzjn/cleanrl/fe8d8a03c41a7ef5b523e2e354bd01c363e786bb/cleanrl/ppo.py"
@@ -43,7 +46,11 @@ def build(client: str, folder: Path) -> Path:
     packages = Path(subprocess.check_output(ask, text=True).strip())
     (packages / "below.pth").write_text(sysconfig.get_path("purelib") + "\n")
 
-    torch = next(line for line in (ROOT / "constraints.txt").read_text().splitlines() if line.startswith("torch=="))
+    torch = next(
+        line
+        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        if line.startswith("torch==")
+    )
     (folder / "torch.txt").write_text(torch + "\n")
     wheels = ["--only-binary", ":all:", "--no-binary", SOURCE_ONLY, "-c", str(folder / "torch.txt")]
     install(python, *wheels, *CLIENTS[client])
@@ -53,7 +60,9 @@ def build(client: str, folder: Path) -> Path:
 
 
 def install(python: Path, *arguments: str) -> None:
-    """Run pip, which complains of pins that differ from what lies below; what it says is shown where it fails."""
+    """Run pip, which complains of pins that differ from what lies below; what it says is shown
+    where it fails.
+    """
     pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     done = subprocess.run([*pip, *arguments], check=False, capture_output=True, text=True)
     if done.returncode:
@@ -61,14 +70,18 @@ def install(python: Path, *arguments: str) -> None:
 
 
 def fetch_cleanrl(folder: Path) -> dict[str, str]:
-    """Where CleanRL's `ppo.py` lies, as a variable: $CLEANRL, if it is set, or fetched; nothing without a network."""
+    """Where CleanRL's `ppo.py` lies, as a variable: $CLEANRL, if it is set, or fetched; nothing
+    without a network.
+    """
     if "CLEANRL" in os.environ:
         return {}
     try:
         with urlopen(CLEANRL, timeout=30) as page:
             text = page.read()
     except (URLError, OSError) as error:
-        print(f"CleanRL's ppo.py has not run: {CLEANRL} cannot be fetched ({error}). Set CLEANRL to a checkout of it.")
+        print(
+            f"CleanRL's ppo.py has not run: {CLEANRL} cannot be fetched ({error}). Set CLEANRL to a checkout of it."
+        )
         return {}
     (folder / "cleanrl").mkdir()
     (folder / "cleanrl" / "ppo.py").write_bytes(text)
@@ -86,13 +99,32 @@ def check(client: str) -> bool:
             return False
         settings = fetch_cleanrl(folder) if client == "cleanrl" else {}
 
-        tests = ["-m", "pytest", "--quiet", "-p", "no:cacheprovider", "tests/test_readme.py", "-k", f"needs_{client}"]
+        tests = [
+            "-m",
+            "pytest",
+            "--quiet",
+            "-p",
+            "no:cacheprovider",
+            "tests/test_readme.py",
+            "-k",
+            f"needs_{client}",
+        ]
         done = subprocess.run(
-            [str(python), *tests], check=False, cwd=ROOT, env=os.environ | settings, capture_output=True, text=True
+            [str(python), *tests],
+            check=False,
+            cwd=ROOT,
+            env=os.environ | settings,
+            capture_output=True,
+            text=True,
         )
         shown = done.stdout.strip().splitlines()
         packages = ", ".join(CLIENTS[client] + ALONE.get(client, ()))
-        print(f"{client} ({packages}): {shown[-1]}" if not done.returncode else done.stdout + done.stderr, flush=True)
+        print(
+            f"{client} ({packages}): {shown[-1]}"
+            if not done.returncode
+            else done.stdout + done.stderr,
+            flush=True,
+        )
         return not done.returncode
 
 

@@ -1,4 +1,6 @@
-"""Run the tests of `irs_gym` on each Python at hand, with the latest Gymnasium and the oldest supported ones."""
+"""Run the tests of `irs_gym` on each Python at hand, with the latest Gymnasium and the oldest
+supported ones.
+"""
 
 import argparse
 import os
@@ -16,33 +18,52 @@ OLDEST = "gymnasium==1.1.*"  # with vector environments
 OLDEST_SINGLE = ("gymnasium==0.29.*", "gymnasium==1.0.*")  # single environments alone
 NEEDED = ("pytest", "pytest-xdist", "hypothesis", "networkx", "scikit-image", "shapely")
 # Tests that import these need torch, whose wheels come later than a new Python.
-ABOVE_CORE = re.compile(r"^(?:from|import) (?:agents|eval|train|stable_baselines3|sb3_contrib|torch)\b", re.MULTILINE)
-VECTOR = re.compile(r"^(?:from|import) gymnasium\.vector\b.*AutoresetMode|^from irs_gym\.\w*vector_env\b", re.MULTILINE)
+ABOVE_CORE = re.compile(
+    r"^(?:from|import) (?:agents|eval|train|stable_baselines3|sb3_contrib|torch)\b", re.MULTILINE
+)
+VECTOR = re.compile(
+    r"^(?:from|import) gymnasium\.vector\b.*AutoresetMode|^from irs_gym\.\w*vector_env\b",
+    re.MULTILINE,
+)
 
 
 def find(version: str) -> str | None:
     """A Python of that version: the one that runs this, one on the path, or one that pyenv keeps."""
     if version == f"{sys.version_info.major}.{sys.version_info.minor}":
         return sys.executable
-    kept = sorted(Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")).glob(f"versions/{version}.*/bin/python"))
+    kept = sorted(
+        Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")).glob(
+            f"versions/{version}.*/bin/python"
+        )
+    )
     for candidate in (shutil.which(f"python{version}"), *reversed(kept)):
-        if candidate and not subprocess.run([candidate, "-c", ""], capture_output=True, check=False).returncode:
+        if (
+            candidate
+            and not subprocess.run(
+                [candidate, "-c", ""], capture_output=True, check=False
+            ).returncode
+        ):
             return str(candidate)
     return None
 
 
 def check(python: str, gymnasium: str, folder: Path) -> bool:
-    """Whether the tests pass on that Python with that Gymnasium, in a new environment in the folder.
+    """Whether the tests pass on that Python with that Gymnasium, in a new environment in the
+    folder.
 
-    With older Gymnasiums, these are the tests that use it; all others would tell the same again. Before 1.1, those of
-    vector environments are left out.
+    With older Gymnasiums, these are the tests that use it; all others would tell the same again.
+    Before 1.1, those of vector environments are left out.
     """
     own = str(folder / "bin" / "python")
     subprocess.run([python, "-m", "venv", str(folder)], check=True)
     pip = [own, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     subprocess.run([*pip, str(ROOT), gymnasium, *NEEDED], check=True)
     say = "import gymnasium, numpy, sys; print(sys.version.split()[0], gymnasium.__version__, numpy.__version__)"
-    print("Python, Gymnasium, NumPy:", subprocess.check_output([own, "-c", say], text=True).strip(), flush=True)
+    print(
+        "Python, Gymnasium, NumPy:",
+        subprocess.check_output([own, "-c", say], text=True).strip(),
+        flush=True,
+    )
     texts = {file: file.read_text() for file in sorted(ROOT.glob("tests/**/test_*.py"))}
     files = [
         str(file)
@@ -57,7 +78,9 @@ def check(python: str, gymnasium: str, folder: Path) -> bool:
 
 
 def main() -> int:
-    """Check all pairs of Python and Gymnasium, or those asked for; exit status 1 where one fails or is missing."""
+    """Check all pairs of Python and Gymnasium, or those asked for; exit status 1 where one fails or
+    is missing.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--python", nargs="+", default=PYTHONS)
     parser.add_argument("--gymnasium", nargs="+", default=(LATEST, OLDEST, *OLDEST_SINGLE))
@@ -73,7 +96,9 @@ def main() -> int:
             with tempfile.TemporaryDirectory() as folder:
                 if not check(python, gymnasium, Path(folder)):
                     failed.append(f"Python {version} with {gymnasium}")
-    print("\n".join(f"failed: {each}" for each in failed) or "all pairs of Python and Gymnasium pass")
+    print(
+        "\n".join(f"failed: {each}" for each in failed) or "all pairs of Python and Gymnasium pass"
+    )
     return 1 if failed else 0
 
 

@@ -1,4 +1,6 @@
-"""Kill a training again and again at random moments, resume it each time, and hold it against one left in peace."""
+"""Kill a training again and again at random moments, resume it each time, and hold it against one
+left in peace.
+"""
 
 import csv
 import random
@@ -18,7 +20,8 @@ from agents.runs.run_folder import Run  # noqa: E402
 
 
 def main(algorithm: str = "ppo", kills: int = 10, longest: float = 1.0, seed: int = 0) -> int:
-    """Train with SIGKILLs and without; returns 0 where both runs end at the optimum, by the same learning curve.
+    """Train with SIGKILLs and without; returns 0 where both runs end at the optimum, by the same
+    learning curve.
 
     Parameters
     ----------
@@ -27,7 +30,8 @@ def main(algorithm: str = "ppo", kills: int = 10, longest: float = 1.0, seed: in
     kills
         How often the training is killed.
     longest
-        A process is killed up to so many seconds after it has written a checkpoint, or after its start, by lot.
+        A process is killed up to so many seconds after it has written a checkpoint, or after its
+        start, by lot.
     seed
         Of the training and of the moments.
     """
@@ -47,7 +51,10 @@ def main(algorithm: str = "ppo", kills: int = 10, longest: float = 1.0, seed: in
             process.kill()
             process.wait()
             life = time.monotonic() - began
-            print(f"kill {number:2} after {life:4.1f} s, checkpoints after {_steps(killed)} steps", flush=True)
+            print(
+                f"kill {number:2} after {life:4.1f} s, checkpoints after {_steps(killed)} steps",
+                flush=True,
+            )
         for folder in (killed, whole):
             if _start(algorithm, folder, settings).wait():
                 sys.exit(f"{folder.name}: the training failed")
@@ -55,8 +62,14 @@ def main(algorithm: str = "ppo", kills: int = 10, longest: float = 1.0, seed: in
 
 
 def _start(algorithm: str, folder: Path, settings: list[str]) -> subprocess.Popen[bytes]:
-    words = ["--resume", str(folder), "--no-progress"] if folder.exists() else ["--out", str(folder), *settings]
-    return subprocess.Popen([sys.executable, "-m", "train", algorithm, *words], cwd=ROOT, stderr=subprocess.DEVNULL)
+    words = (
+        ["--resume", str(folder), "--no-progress"]
+        if folder.exists()
+        else ["--out", str(folder), *settings]
+    )
+    return subprocess.Popen(
+        [sys.executable, "-m", "train", algorithm, *words], cwd=ROOT, stderr=subprocess.DEVNULL
+    )
 
 
 def _steps(folder: Path) -> list[int]:
@@ -67,10 +80,16 @@ def _judge(killed: Run, whole: Run) -> int:
     curves = [_curve(run.folder) for run in (killed, whole)]
     for run in (killed, whole):
         episode = roll_out(run.load_model(), evaluation_env(run.task))
-        print(f"{run.folder.name}: {run.manifest.status}, ratio {episode.ratio}, {len(_curve(run.folder))} tests")
+        print(
+            f"{run.folder.name}: {run.manifest.status}, ratio {episode.ratio}, {len(_curve(run.folder))} tests"
+        )
         if run.manifest.status != "at_optimum" or not episode.is_optimal:
             return 1
-    print("the learning curves are the same" if curves[0] == curves[1] else "the learning curves differ")
+    print(
+        "the learning curves are the same"
+        if curves[0] == curves[1]
+        else "the learning curves differ"
+    )
     return int(curves[0] != curves[1])
 
 

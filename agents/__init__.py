@@ -1,4 +1,6 @@
-"""Policies for the environment: reference rules, configured learners, and the run folders that hold them."""
+"""Policies for the environment: reference rules, configured learners, and the run folders that hold
+them.
+"""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,6 @@
-"""The algorithms by their names, and the classes behind them: `model_class`, `settings_class`, `read_network`."""
+"""The algorithms by their names, and the classes behind them: `model_class`, `settings_class`,
+`read_network`.
+"""
 
 from importlib import import_module
 from typing import Any, Literal, get_args
@@ -9,8 +11,12 @@ Encoding = Literal["mask", "margin"]
 Algorithm = Literal["ppo", "maskable_ppo", "dqn", "qr_dqn", "q_learning"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
-MapGeneralist = Literal["planner", "planner_ppo", "unet", "unet_ppo", "vin", "map_ppo"]  # see the whole map
-LocalGeneralist = Literal["explorer", "explorer_ppo", "local_ppo", "recurrent_ppo"]  # see the patch around the robot
+MapGeneralist = Literal[
+    "planner", "planner_ppo", "unet", "unet_ppo", "vin", "map_ppo"
+]  # see the whole map
+LocalGeneralist = Literal[
+    "explorer", "explorer_ppo", "local_ppo", "recurrent_ppo"
+]  # see the patch around the robot
 Generalist = Literal[MapGeneralist, LocalGeneralist]  # learn on many scenes
 Trainable = Literal[Algorithm, Generalist]
 LOCAL: tuple[LocalGeneralist, ...] = get_args(LocalGeneralist)

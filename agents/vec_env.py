@@ -1,4 +1,6 @@
-"""`IrsNavVecEnv`: a vector environment as Stable-Baselines3's own `VecEnv`, much faster than `DummyVecEnv`."""
+"""`IrsNavVecEnv`: a vector environment as Stable-Baselines3's own `VecEnv`, much faster than
+`DummyVecEnv`.
+"""
 
 import time
 from collections.abc import Iterable, Sequence
@@ -18,10 +20,12 @@ from irs_gym.envs.vector_nav import IrsNavVectorEnv
 
 
 class IrsNavVecEnv(VecEnv):
-    """Training with it equals training with a `DummyVecEnv` of single environments, action for action.
+    """Training with it equals training with a `DummyVecEnv` of single environments, action for
+    action.
 
-    Infos are those of the single environment, with ``TimeLimit.truncated`` at each step, and at an end also with
-    ``terminal_observation`` and ``episode``, as Stable-Baselines3's `Monitor` gives it.
+    Infos are those of the single environment, with ``TimeLimit.truncated`` at each step, and at an
+    end also with ``terminal_observation`` and ``episode``, as Stable-Baselines3's `Monitor` gives
+    it.
 
     Parameters
     ----------
@@ -34,7 +38,8 @@ class IrsNavVecEnv(VecEnv):
     vector_env
         What is made: `IrsNavVectorEnv`, or `IrsNavRandomVectorEnv` for many scenes.
     **env_kwargs
-        Its arguments: the fields of `irs_gym.mdp.task.Task`, or of `irs_gym.datasets.random_task.RandomTask`.
+        Its arguments: the fields of `irs_gym.mdp.task.Task`, or of
+        `irs_gym.datasets.random_task.RandomTask`.
     """
 
     def __init__(
@@ -48,17 +53,25 @@ class IrsNavVecEnv(VecEnv):
     ) -> None:
         env_kwargs.setdefault("infos", "all")
         self.envs = vector_env(
-            num_envs, max_episode_steps, AutoresetMode.SAME_STEP, render_mode=render_mode, **env_kwargs
+            num_envs,
+            max_episode_steps,
+            AutoresetMode.SAME_STEP,
+            render_mode=render_mode,
+            **env_kwargs,
         )
         self.render_mode = render_mode
         self._actions = np.zeros(num_envs, dtype=np.int64)
         self._return, self._length = np.zeros(num_envs), np.zeros(num_envs, dtype=np.int64)
         self._began = time.time()
         self.envs.spec = self.spec = _spec(vector_env, max_episode_steps, env_kwargs)
-        super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
+        super().__init__(
+            num_envs, self.envs.single_observation_space, self.envs.single_action_space
+        )
 
     def reset(self) -> Any:
-        """Start an episode everywhere, with the seeds and options that were set before; returns observations."""
+        """Start an episode everywhere, with the seeds and options that were set before; returns
+        observations.
+        """
         seeds = list(self._seeds) if any(seed is not None for seed in self._seeds) else None
         options = self._options[0] if self._options else None
         if any(each != options for each in self._options):
@@ -117,8 +130,12 @@ class IrsNavVecEnv(VecEnv):
         values = self.envs.get_attr(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None) -> None:
-        """Set an attribute of your own in environments; those that they have are shared, and refused."""
+    def set_attr(
+        self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None
+    ) -> None:
+        """Set an attribute of your own in environments; those that they have are shared, and
+        refused.
+        """
         chosen = [*self._get_indices(indices)]
         if len(chosen) < self.num_envs:
             values = [*self.get_attr(attr_name)]
@@ -129,7 +146,11 @@ class IrsNavVecEnv(VecEnv):
         self.envs.set_attr(attr_name, values)
 
     def env_method(
-        self, method_name: str, *method_args: Any, indices: int | Iterable[int] | None = None, **method_kwargs: Any
+        self,
+        method_name: str,
+        *method_args: Any,
+        indices: int | Iterable[int] | None = None,
+        **method_kwargs: Any,
     ) -> list[Any]:
         """What a method of each single environment returns; those that move one alone are refused."""
         if method_name == "action_masks":  # asked for at every step, and known for all at once
@@ -146,7 +167,9 @@ class IrsNavVecEnv(VecEnv):
             return False
         return True
 
-    def env_is_wrapped(self, wrapper_class: type[Any], indices: int | Iterable[int] | None = None) -> list[bool]:
+    def env_is_wrapped(
+        self, wrapper_class: type[Any], indices: int | Iterable[int] | None = None
+    ) -> list[bool]:
         """True for `Monitor`, whose ``episode`` is in the infos; False for every other wrapper."""
         return [issubclass(Monitor, wrapper_class) for _ in self._get_indices(indices)]
 

@@ -1,1 +1,3 @@
-"""Scores, figures and measurements, each a command of `python -m eval`; it reads what training wrote."""
+"""Scores, figures and measurements, each a command of `python -m eval`; it reads what training
+wrote.
+"""

@@ -24,18 +24,24 @@ COMMANDS = {
 
 
 def main() -> int:
-    """Run the command named first; its arguments make the rest of the command line. Returns the exit status."""
+    """Run the command named first; its arguments make the rest of the command line. Returns the
+    exit status.
+    """
     name, *arguments = sys.argv[1:] or ["--help"]
     if name not in COMMANDS:
         width = max(map(len, COMMANDS))
         print("usage: python -m eval COMMAND [--help]\n")
-        print("\n".join(f"  {command:<{width}}  {summary}" for command, summary in COMMANDS.items()))
+        print(
+            "\n".join(f"  {command:<{width}}  {summary}" for command, summary in COMMANDS.items())
+        )
         return 0 if name in ("-h", "--help") else 2
 
     import tyro  # here, so that a Ctrl-C meanwhile ends in one line
 
     program = f"python -m eval {name}"
-    command = partial(tyro.cli, import_module(f"eval.commands.{name}").main, args=arguments, prog=program)
+    command = partial(
+        tyro.cli, import_module(f"eval.commands.{name}").main, args=arguments, prog=program
+    )
     return interruptible(program, lambda: command() or 0)
 
 

@@ -23,7 +23,8 @@ from irs_gym.radio.scene import load_scene
 class Place:
     """Where a policy plays, if not where it learned.
 
-    The first four are for one scene, the last two for the generated ones. What learned in one task plays there.
+    The first four are for one scene, the last two for the generated ones. What learned in one task
+    plays there.
     """
 
     scene: str | None = None
@@ -44,7 +45,11 @@ class Place:
     @property
     def given(self) -> dict[str, Any]:
         """What is set."""
-        return {each.name: getattr(self, each.name) for each in fields(self) if getattr(self, each.name) is not None}
+        return {
+            each.name: getattr(self, each.name)
+            for each in fields(self)
+            if getattr(self, each.name) is not None
+        }
 
     @property
     def of_one_scene(self) -> dict[str, Any]:
@@ -93,13 +98,16 @@ class LoadedPolicy:
     options: dict[str, Any] | None = None
 
 
-def load_policy(name: str, place: Place, render_mode: str, *, model: str = "best", seed: int = 0) -> LoadedPolicy:
+def load_policy(
+    name: str, place: Place, render_mode: str, *, model: str = "best", seed: int = 0
+) -> LoadedPolicy:
     """The policy of that name, and an environment for it that renders in a mode.
 
     Parameters
     ----------
     name
-        An algorithm with a pretrained model, a run folder, the file of a network, or a reference policy.
+        An algorithm with a pretrained model, a run folder, the file of a network, or a reference
+        policy.
     place
         Where it plays.
     model
@@ -116,8 +124,12 @@ def load_policy(name: str, place: Place, render_mode: str, *, model: str = "best
     """
     if Path(name).suffix == ".npz":
         policy = read_network(Path(name).read_bytes())
-        return _on_scenes(policy, "flat" if isinstance(policy, Explorer) else "map", place, render_mode)
-    if Path(name).exists() and (Path(name, "manifest.json").exists() or name not in (*ALGORITHMS, *GENERALISTS)):
+        return _on_scenes(
+            policy, "flat" if isinstance(policy, Explorer) else "map", place, render_mode
+        )
+    if Path(name).exists() and (
+        Path(name, "manifest.json").exists() or name not in (*ALGORITHMS, *GENERALISTS)
+    ):
         return _of_run(Run.open(name), place, render_mode, model)
     if name in ALGORITHMS:
         pretrained: Any = load_pretrained(name, **place.of_one_scene)
@@ -135,7 +147,9 @@ def _of_run(run: Run, place: Place, render_mode: str, model: str) -> LoadedPolic
         return _generalist(run.load_model(model), run.config.algorithm, place, render_mode)  # type: ignore[arg-type]
     if place.given:
         said = ", ".join(place.given)
-        raise ValueError(f"{said} cannot be given along with a run: its agent plays where it was trained")
+        raise ValueError(
+            f"{said} cannot be given along with a run: its agent plays where it was trained"
+        )
     return LoadedPolicy(run.load_model(model), _in_task(run.task, render_mode))
 
 
@@ -145,14 +159,18 @@ def _generalist(policy: Any, algorithm: Generalist, place: Place, render_mode: s
 
 def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) -> LoadedPolicy:
     arguments, number = place.scenes()
-    env = gymnasium.make("irs_gym:IrsNavRandom-v0", render_mode=render_mode, observation=observation, **arguments)
+    env = gymnasium.make(
+        "irs_gym:IrsNavRandom-v0", render_mode=render_mode, observation=observation, **arguments
+    )
     if isinstance(policy, Explorer):
         inner: Any = env.unwrapped
         policy = replace(policy, shape=inner.worlds.pool.shape)
     return LoadedPolicy(policy, env, {"scene_id": number})
 
 
-def _reference(make: Callable[[gymnasium.Env[Any, Any]], Policy], place: Place, render_mode: str) -> LoadedPolicy:
+def _reference(
+    make: Callable[[gymnasium.Env[Any, Any]], Policy], place: Place, render_mode: str
+) -> LoadedPolicy:
     if place.split is None and place.scene_id is None:
         env = _in_task(Task(**place.given), render_mode)
         return LoadedPolicy(make(env), env)

@@ -1,6 +1,8 @@
-"""`table`, `picture`, `Promise`: what the sections of a page are made of; `text`, `code`: names from elsewhere in them.
+"""`table`, `picture`, `Promise`: what the sections of a page are made of; `text`, `code`: names
+from elsewhere in them.
 
-Names come from run folders and sweep files, which anybody may have written: on a page they are text, never markup.
+Names come from run folders and sweep files, which anybody may have written: on a page they are
+text, never markup.
 """
 
 import re
@@ -19,7 +21,9 @@ class Promise:
 
 
 def printable(name: str) -> str:
-    """The name on one line, with an escape in place of each character that cannot be seen or encoded."""
+    """The name on one line, with an escape in place of each character that cannot be seen or
+    encoded.
+    """
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in name)
 
 
@@ -40,7 +44,9 @@ def code(name: str) -> str:
 def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A Markdown table."""
     lines = [[str(cell) for cell in row] for row in (header, *rows)]
-    first, *body = ["|" + "|".join(f" {cell} " if cell else " " for cell in line) + "|" for line in lines]
+    first, *body = [
+        "|" + "|".join(f" {cell} " if cell else " " for cell in line) + "|" for line in lines
+    ]
     return "\n".join([first, "|" + "---|" * len(header), *body])
 
 
@@ -52,7 +58,10 @@ def picture(name: str, caption: str) -> str:
 
 def promises(items: Sequence[Promise]) -> str:
     """Promises as a table."""
-    return table(("promise", "measured", ""), [(p.text, p.value, "met" if p.is_met else "NOT MET") for p in items])
+    return table(
+        ("promise", "measured", ""),
+        [(p.text, p.value, "met" if p.is_met else "NOT MET") for p in items],
+    )
 
 
 def page(*parts: str) -> str:

@@ -1,4 +1,6 @@
-"""`as_png`: a figure of matplotlib as a PNG, small where 256 colours do; names in it, and a legend that fits."""
+"""`as_png`: a figure of matplotlib as a PNG, small where 256 colours do; names in it, and a legend
+that fits.
+"""
 
 from collections.abc import Sequence
 from io import BytesIO
@@ -12,7 +14,9 @@ from eval.markdown import printable
 
 
 def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes:
-    """The figure as a PNG without date or version; a third of the size with a palette of 256 colours."""
+    """The figure as a PNG without date or version; a third of the size with a palette of 256
+    colours.
+    """
     content = BytesIO()
     figure.savefig(content, format="png", dpi=dpi, metadata={"Software": None})
     if not in_palette:
@@ -24,7 +28,9 @@ def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes
 
 
 def literal(name: str) -> str:
-    """The name, or its first hundred characters, as matplotlib shows them as they are, and not as a formula."""
+    """The name, or its first hundred characters, as matplotlib shows them as they are, and not as a
+    formula.
+    """
     return printable(name if len(name) <= 100 else f"{name[:99]}…").replace("$", r"\$")
 
 
@@ -32,8 +38,12 @@ def add_legend(figure: Figure, handles: Sequence[Artist]) -> None:
     """A legend below the figure, in as many columns as its width has room for, up to four."""
     for each in handles:
         each.set_label(literal(str(each.get_label())))
-    lengths = [len(str(each.get_label())) + 7 for each in handles]  # in characters; seven for the line or mark
+    lengths = [
+        len(str(each.get_label())) + 7 for each in handles
+    ]  # in characters; seven for the line or mark
     room = figure.get_figwidth() * 14  # characters of small print
-    widths = {n: sum(max(part, default=0) for part in np.array_split(lengths, n)) for n in (4, 3, 2, 1)}
+    widths = {
+        n: sum(max(part, default=0) for part in np.array_split(lengths, n)) for n in (4, 3, 2, 1)
+    }
     columns = next((n for n, width in widths.items() if width <= room), 1)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize="small")

@@ -1,8 +1,9 @@
 """`Estimate`: a figure over seeds with its 95 % interval, which comes from resampling whole seeds.
 
-A seed is the unit that is drawn: all that one policy did, on however many tasks, stays together. Resampling task by
-task would take what one policy does on many tasks for as many independent draws, and give intervals too narrow.
-Failures are part of the figures: 0 in SPL and success, infinity in ratios and times.
+A seed is the unit that is drawn: all that one policy did, on however many tasks, stays together.
+Resampling task by task would take what one policy does on many tasks for as many independent draws,
+and give intervals too narrow. Failures are part of the figures: 0 in SPL and success, infinity in
+ratios and times.
 """
 
 from collections.abc import Callable
@@ -33,8 +34,8 @@ class Estimate:
     low, high
         Ends of the interval; None where one seed gives none.
     note
-        Why the interval says little: ``"one seed"``, ``"all seeds equal"`` (resampling equals shows no spread, which is
-        not to say that the next seed will be equal too), or nothing.
+        Why the interval says little: ``"one seed"``, ``"all seeds equal"`` (resampling equals shows
+        no spread, which is not to say that the next seed will be equal too), or nothing.
     """
 
     value: float
@@ -49,7 +50,9 @@ def mean(values: Floats) -> Any:
 
 
 def interquartile_mean(values: Floats) -> Any:
-    """Mean of the middle half of all seeds and tasks (Agarwal et al. 2021); the plain mean of fewer than four."""
+    """Mean of the middle half of all seeds and tasks (Agarwal et al. 2021); the plain mean of fewer
+    than four.
+    """
     return stats.trim_mean(values.reshape(*values.shape[:-2], -1), 0.25, axis=-1)
 
 
@@ -64,10 +67,11 @@ def median(values: Floats) -> Any:
 
 
 def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) -> Estimate:
-    """A statistic of values ``(seeds,)`` or ``(seeds, tasks)``, with a percentile interval over resampled seeds.
+    """A statistic of values ``(seeds,)`` or ``(seeds, tasks)``, with a percentile interval over
+    resampled seeds.
 
-    The ends of the interval are statistics of resamples themselves, not values between two of them, so that they may
-    be infinite. ``rng`` is the seed of the resampling.
+    The ends of the interval are statistics of resamples themselves, not values between two of them,
+    so that they may be infinite. ``rng`` is the seed of the resampling.
 
     Raises
     ------
@@ -76,14 +80,18 @@ def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) ->
     """
     table = np.asarray(values, dtype=np.float64)
     if table.ndim not in (1, 2) or table.size == 0 or np.isnan(table).any():
-        raise ValueError(f"values {table.shape} must be (seeds,) or (seeds, tasks), not empty and without NaN")
+        raise ValueError(
+            f"values {table.shape} must be (seeds,) or (seeds, tasks), not empty and without NaN"
+        )
     table = table.reshape(len(table), -1)
     value = float(statistic(table))
     if len(table) == 1:
         return Estimate(value, None, None, ONE_SEED)
     if np.allclose(table, table[0], rtol=_EQUAL, atol=_EQUAL):
         return Estimate(value, value, value, ALL_EQUAL)
-    with np.errstate(invalid="ignore"):  # infinite statistics have no standard error, which is not looked at
+    with np.errstate(
+        invalid="ignore"
+    ):  # infinite statistics have no standard error, which is not looked at
         found = stats.bootstrap(
             (np.arange(len(table)),),
             lambda seeds, axis: statistic(table[seeds.astype(np.int64)]),
@@ -100,8 +108,8 @@ def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) ->
 def paired_difference(differences: ArrayLike, *, rng: int = 0) -> Estimate:
     """Mean of differences ``(seeds, scenes)``, one policy's score less another's in the same scene.
 
-    Seeds and scenes are both resampled, each on its own, so that the interval holds for other seeds and other scenes.
-    With one seed, scenes alone are.
+    Seeds and scenes are both resampled, each on its own, so that the interval holds for other seeds
+    and other scenes. With one seed, scenes alone are.
 
     Raises
     ------
@@ -110,12 +118,16 @@ def paired_difference(differences: ArrayLike, *, rng: int = 0) -> Estimate:
     """
     table = np.atleast_2d(np.asarray(differences, dtype=np.float64))
     if table.size == 0 or np.isnan(table).any():
-        raise ValueError(f"differences {table.shape} must be (seeds, scenes), not empty and without NaN")
+        raise ValueError(
+            f"differences {table.shape} must be (seeds, scenes), not empty and without NaN"
+        )
     draws = np.random.default_rng(rng)
     shares = [draws.multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES) / n for n in table.shape]
     found = ((shares[0] @ table) * shares[1]).sum(axis=1)
     low, high = _middle(found)
-    return Estimate(float(table.mean()), float(low), float(high), ONE_SEED if len(table) == 1 else "")
+    return Estimate(
+        float(table.mean()), float(low), float(high), ONE_SEED if len(table) == 1 else ""
+    )
 
 
 def share(successes: int, seeds: int) -> Estimate:

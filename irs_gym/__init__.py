@@ -1,4 +1,6 @@
-"""Communication-aware navigation as a Gymnasium benchmark, with exact radio maps and an exact oracle."""
+"""Communication-aware navigation as a Gymnasium benchmark, with exact radio maps and an exact
+oracle.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -25,7 +27,8 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Names are looked up in their modules on first use, so that `import irs_gym` costs little more than gymnasium.
+# Names are looked up in their modules on first use, so that `import irs_gym` costs little more than
+# gymnasium.
 _HOMES = {
     "Difficulty": "datasets.generator",
     "generate_scene": "datasets.generator",
@@ -58,7 +61,10 @@ def __dir__() -> list[str]:
 
 
 _IRS_NAV = ("irs_gym.envs.nav:make_env", "irs_gym.envs.vector_nav:make_vector_env")
-_IRS_NAV_RANDOM = ("irs_gym.envs.random_nav:make_env", "irs_gym.envs.random_vector_nav:make_vector_env")
+_IRS_NAV_RANDOM = (
+    "irs_gym.envs.random_nav:make_env",
+    "irs_gym.envs.random_vector_nav:make_vector_env",
+)
 
 for _id, (_entry_point, _vector_entry_point), _arguments in (
     ("IrsNav-v0", _IRS_NAV, {}),

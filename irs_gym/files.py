@@ -21,21 +21,37 @@ from irs_gym.memory import check_memory, in_words
 MEMBERS = 1000  # arrays in an archive
 _AXES = 32  # of an array
 _HEADER = 4096  # bytes of an array's header
-# The header as NumPy writes it. Python would read more, but then a stranger chooses what Python reads.
+# The header as NumPy writes it. Python would read more, but then a stranger chooses what Python
+# reads.
 _DESCRIPTION = re.compile(
     r"\s*\{\s*'descr':\s*'(?P<type>[^']*)',\s*'fortran_order':\s*(?P<order>True|False),"
     r"\s*'shape':\s*\((?P<shape>[\d, ]*)\),?\s*\}\s*"
 )
 _TYPES = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|c8|c16|[SU]\d{1,9})")
-_DAMAGE = (EOFError, KeyError, IndexError, OSError, OverflowError, RuntimeError, struct.error, zlib.error)
+_DAMAGE = (
+    EOFError,
+    KeyError,
+    IndexError,
+    OSError,
+    OverflowError,
+    RuntimeError,
+    struct.error,
+    zlib.error,
+)
 
 
-# --- reading ----------------------------------------------------------------------------------------------------
+# --- reading --------------------------------------------------------------------------------------
 
 
 def as_path(value: Any, name: str) -> Path:
-    """The path of a file; a ``ValueError`` names the field where the value is none (a number would be an open file)."""
-    if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes) or "\0" in os.fspath(value):
+    """The path of a file; a ``ValueError`` names the field where the value is none (a number would
+    be an open file).
+    """
+    if (
+        not isinstance(value, str | os.PathLike)
+        or isinstance(os.fspath(value), bytes)
+        or "\0" in os.fspath(value)
+    ):
         raise ValueError(f"{name}={value!r} must be the path of a file")
     return Path(value)
 
@@ -60,7 +76,9 @@ def read_file(path: Path, most: int | None = None) -> bytes:
     if not stat.S_ISREG(path.stat().st_mode):
         raise ValueError(f"{str(path)!r} is not a regular file")
     # Should it be replaced by a pipe just now, opening does not wait for a writer.
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    descriptor = os.open(
+        path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    )
     with os.fdopen(descriptor, "rb") as file:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):
@@ -72,10 +90,11 @@ def read_file(path: Path, most: int | None = None) -> bytes:
 def read_arrays(
     source: bytes | Path, *, limit: int | None = None, needed: Collection[str] = ()
 ) -> dict[str, NDArray[Any]]:
-    """Arrays of an ``.npz`` archive by their names, of real or complex numbers, bools or strings; never unpickles.
+    """Arrays of an ``.npz`` archive by their names, of real or complex numbers, bools or strings;
+    never unpickles.
 
-    All sizes are read from the archive's directory and from the arrays' headers, and held against the limit, before
-    anything is unpacked.
+    All sizes are read from the archive's directory and from the arrays' headers, and held against
+    the limit, before anything is unpacked.
 
     Parameters
     ----------
@@ -102,7 +121,9 @@ def read_arrays(
             if missing:
                 raise ValueError(f"{', '.join(missing)} is not a file in the archive")
             headers = {name: _header(archive, name, each) for name, each in members.items()}
-            return {name: _array(archive, members[name], *header) for name, header in headers.items()}
+            return {
+                name: _array(archive, members[name], *header) for name, header in headers.items()
+            }
     except zipfile.BadZipFile as error:
         raise ValueError(f"it is not a whole npz archive: {error}") from None
     except _DAMAGE as error:
@@ -113,14 +134,20 @@ def _check_size(what: str, size: int, limit: int | None) -> None:
     if limit is None:
         check_memory(what, size)
     elif size > limit:
-        raise ValueError(f"{what} has {in_words(size)}, more than the {in_words(limit)} that are read here")
+        raise ValueError(
+            f"{what} has {in_words(size)}, more than the {in_words(limit)} that are read here"
+        )
 
 
 def _members(archive: zipfile.ZipFile, limit: int | None) -> dict[str, zipfile.ZipInfo]:
-    """The archive's members by the names of their arrays, when its directory is one that NumPy could have written."""
+    """The archive's members by the names of their arrays, when its directory is one that NumPy
+    could have written.
+    """
     entries = archive.infolist()
     if len(entries) > MEMBERS:
-        raise ValueError(f"the archive holds {len(entries)} arrays, more than the {MEMBERS} that are read here")
+        raise ValueError(
+            f"the archive holds {len(entries)} arrays, more than the {MEMBERS} that are read here"
+        )
     end = 0
     for entry in sorted(entries, key=lambda each: each.header_offset):
         if entry.flag_bits & 1:
@@ -134,14 +161,22 @@ def _members(archive: zipfile.ZipFile, limit: int | None) -> dict[str, zipfile.Z
         end = entry.header_offset + entry.compress_size
     _check_size("what the archive unpacks to", sum(entry.file_size for entry in entries), limit)
 
-    members = {entry.filename.removesuffix(".npy"): entry for entry in entries if entry.filename.endswith(".npy")}
+    members = {
+        entry.filename.removesuffix(".npy"): entry
+        for entry in entries
+        if entry.filename.endswith(".npy")
+    }
     if len(members) < len(entries):
         raise ValueError("the archive holds two arrays of one name, or files that are no arrays")
     return members
 
 
-def _header(archive: zipfile.ZipFile, name: str, entry: zipfile.ZipInfo) -> tuple[int, np.dtype[Any], str, list[int]]:
-    """Where an array's numbers begin, their type, their order and the array's shape; nothing else is unpacked."""
+def _header(
+    archive: zipfile.ZipFile, name: str, entry: zipfile.ZipInfo
+) -> tuple[int, np.dtype[Any], str, list[int]]:
+    """Where an array's numbers begin, their type, their order and the array's shape; nothing else
+    is unpacked.
+    """
     with archive.open(entry) as file:
         start = file.read(12)
         if start[:6] != b"\x93NUMPY" or start[6:8] not in (b"\x01\x00", b"\x02\x00", b"\x03\x00"):
@@ -149,27 +184,42 @@ def _header(archive: zipfile.ZipFile, name: str, entry: zipfile.ZipInfo) -> tupl
         prefix = 10 if start[6] == 1 else 12
         length = int.from_bytes(start[8:prefix], "little")
         if length > _HEADER:
-            raise ValueError(f"{name} has a header of {length} bytes, more than the {_HEADER} that are read here")
+            raise ValueError(
+                f"{name} has a header of {length} bytes, more than the {_HEADER} that are read here"
+            )
         text = (start[prefix:] + file.read(prefix + length - 12)).decode("latin1")
 
     found = _DESCRIPTION.fullmatch(text)
     if found is None:
-        raise ValueError(f"{name} has a header that NumPy does not write for an array of plain numbers")
+        raise ValueError(
+            f"{name} has a header that NumPy does not write for an array of plain numbers"
+        )
     if found["type"].lstrip("|") == "O":
-        raise ValueError(f"{name} holds objects, which would have to be unpickled (allow_pickle=False)")
+        raise ValueError(
+            f"{name} holds objects, which would have to be unpickled (allow_pickle=False)"
+        )
     if not _TYPES.fullmatch(found["type"]):
-        raise ValueError(f"{name} holds values of the type {found['type']!r}, not numbers, bools or strings")
+        raise ValueError(
+            f"{name} holds values of the type {found['type']!r}, not numbers, bools or strings"
+        )
     kind = np.dtype(found["type"])
     shape = [int(part) for part in found["shape"].split(",") if part.strip()]
     if len(shape) > _AXES or any(length >= 2**62 for length in shape):
         raise ValueError(f"{name} has a shape that no array has")
     if prefix + length + kind.itemsize * prod(shape) != entry.file_size:
-        raise ValueError(f"{name} has {entry.file_size} bytes, but {tuple(shape)} values of the type {kind} are others")
+        raise ValueError(
+            f"{name} has {entry.file_size} bytes, but {tuple(shape)} values of the type {kind} are others"
+        )
     return prefix + length, kind, "F" if found["order"] == "True" else "C", shape
 
 
 def _array(
-    archive: zipfile.ZipFile, entry: zipfile.ZipInfo, start: int, kind: np.dtype[Any], order: str, shape: list[int]
+    archive: zipfile.ZipFile,
+    entry: zipfile.ZipInfo,
+    start: int,
+    kind: np.dtype[Any],
+    order: str,
+    shape: list[int],
 ) -> NDArray[Any]:
     content = archive.read(entry)
     if kind.itemsize == 0 or not prod(shape):
@@ -177,16 +227,20 @@ def _array(
     array = np.frombuffer(content, kind, offset=start).reshape(shape, order=order)  # type: ignore[call-overload]
     if kind.kind == "b" and (array.view(np.uint8) > 1).any():
         raise ValueError(f"{entry.filename!r} holds bools that are neither True nor False")
-    if kind.kind == "U" and (np.frombuffer(content, f"{kind.byteorder}u4", offset=start) > 0x10FFFF).any():
+    if (
+        kind.kind == "U"
+        and (np.frombuffer(content, f"{kind.byteorder}u4", offset=start) > 0x10FFFF).any()
+    ):
         raise ValueError(f"{entry.filename!r} holds characters that there are not")
     return np.asarray(array.astype(kind.newbyteorder("=")))
 
 
-# --- writing ----------------------------------------------------------------------------------------------------
+# --- writing --------------------------------------------------------------------------------------
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file: whoever reads it, at any moment and after any crash, finds the old content or the new.
+    """Write a file: whoever reads it, at any moment and after any crash, finds the old content or
+    the new.
 
     Raises ``OSError``, with the path, where it cannot be written.
     """

@@ -1,8 +1,8 @@
 """The floor's grid of square cells, the eight moves, and `legal_moves`, the only judge of motion.
 
-Cells are ``(i, j)`` with ``i`` along x and ``j`` along y, as in the paper's matrix C; every map is an array
-of shape ``(X, Y)`` indexed ``[i, j]``. Points are ``(x, y)`` in metres. Moves run counter-clockwise from +x:
-E, NE, N, NW, W, SW, S, SE.
+Cells are ``(i, j)`` with ``i`` along x and ``j`` along y, as in the paper's matrix C; every map is
+an array of shape ``(X, Y)`` indexed ``[i, j]``. Points are ``(x, y)`` in metres. Moves run
+counter-clockwise from +x: E, NE, N, NW, W, SW, S, SE.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.memory import check_memory
 
-MOVES = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)], dtype=np.int64)
+MOVES = np.array(
+    [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)], dtype=np.int64
+)
 MOVE_NAMES = ("E", "NE", "N", "NW", "W", "SW", "S", "SE")
 MOVE_LENGTHS = np.hypot(MOVES[:, 0], MOVES[:, 1])  # (8,), in cells: 1 or sqrt(2)
 for _constant in (MOVES, MOVE_LENGTHS):
@@ -44,8 +46,8 @@ class Grid:
     Raises
     ------
     ValueError
-        Where ``shape`` is not two positive integers, ``cell_size`` not positive and finite, or ``origin`` not two
-        finite numbers.
+        Where ``shape`` is not two positive integers, ``cell_size`` not positive and finite, or
+        ``origin`` not two finite numbers.
     """
 
     shape: tuple[int, int]
@@ -61,13 +63,16 @@ class Grid:
         object.__setattr__(self, "origin", checked_point(self.origin, "origin"))
 
     @classmethod
-    def tile(cls, lower: tuple[float, float], upper: tuple[float, float], cell_size: float) -> "Grid":
+    def tile(
+        cls, lower: tuple[float, float], upper: tuple[float, float], cell_size: float
+    ) -> "Grid":
         """Grid that tiles the rectangle from ``lower`` to ``upper`` (metres) exactly.
 
         Raises
         ------
         ValueError
-            Where ``cell_size`` is not positive and finite, or does not divide both sides; where a corner is no point.
+            Where ``cell_size`` is not positive and finite, or does not divide both sides; where a
+            corner is no point.
         """
         cell_size = checked_cell_size(cell_size)
         lower, upper = checked_point(lower, "lower"), checked_point(upper, "upper")
@@ -91,7 +96,10 @@ class Grid:
     def centres(self) -> NDArray[np.float64]:
         """Cell centres in metres, shape ``(X, Y, 2)`` (eq. 10 of the paper, counted from 0)."""
         self.check_memory(32)
-        x, y = (low + (np.arange(n) + 0.5) * self.cell_size for low, n in zip(self.origin, self.shape, strict=True))
+        x, y = (
+            low + (np.arange(n) + 0.5) * self.cell_size
+            for low, n in zip(self.origin, self.shape, strict=True)
+        )
         return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
 
     def centre(self, cell: Cell) -> tuple[float, float]:
@@ -104,8 +112,8 @@ class Grid:
     def cell_of(self, point: tuple[float, float]) -> Cell:
         """Cell of a point in metres.
 
-        A point on the border of two cells belongs to the upper one; the floor's outer border belongs to the
-        last cell inside.
+        A point on the border of two cells belongs to the upper one; the floor's outer border
+        belongs to the last cell inside.
 
         Raises
         ------
@@ -117,7 +125,9 @@ class Grid:
         for value, low, n in zip(point, self.origin, self.shape, strict=True):
             position = (value - low) / self.cell_size
             if not -_SNAP <= position <= n + _SNAP:
-                raise ValueError(f"the point {point} m lies outside the floor from {self.origin} to {self.upper} m")
+                raise ValueError(
+                    f"the point {point} m lies outside the floor from {self.origin} to {self.upper} m"
+                )
             nearest = round(position)
             index = nearest if abs(position - nearest) < _SNAP else floor(position)
             cell.append(min(index, n - 1))
@@ -128,14 +138,18 @@ class Grid:
         return 0 <= cell[0] < self.shape[0] and 0 <= cell[1] < self.shape[1]
 
     def check_memory(self, each: float, what: str = "the map") -> None:
-        """Refuse work on the map that takes so many bytes for each cell; see `irs_gym.memory.check_memory`."""
+        """Refuse work on the map that takes so many bytes for each cell; see
+        `irs_gym.memory.check_memory`.
+        """
         columns, rows = self.shape
         asked = f"cell_size={self.cell_size}: {what} of {columns} x {rows} cells"
         check_memory(asked, each * columns * rows)
 
 
 def as_cell(value: Any, name: str, wanted: str = "a cell (i, j) of two integers") -> Cell:
-    """Two integers; a ``ValueError`` names the field otherwise. Neither bools nor floats are integers."""
+    """Two integers; a ``ValueError`` names the field otherwise. Neither bools nor floats are
+    integers.
+    """
     try:
         i, j = value
         if not isinstance(i, bool | np.bool_) and not isinstance(j, bool | np.bool_):
@@ -159,7 +173,9 @@ def checked_point(point: Any, name: str) -> tuple[float, float]:
     """A point (x, y) in metres; a ``ValueError`` names the field otherwise."""
     x, y = _two_numbers(point, name)
     if not (abs(x) <= LARGEST and abs(y) <= LARGEST):
-        raise ValueError(f"{name}={point!r} must be two finite numbers of metres, none beyond {LARGEST}")
+        raise ValueError(
+            f"{name}={point!r} must be two finite numbers of metres, none beyond {LARGEST}"
+        )
     return x, y
 
 
@@ -176,8 +192,8 @@ def _two_numbers(point: Any, name: str) -> tuple[float, float]:
 def checked_map(values: Any, name: str, kinds: str, each: float = 0) -> NDArray[Any]:
     """An array ``(X, Y)`` of the kinds of values that are named by NumPy's letters.
 
-    A ``ValueError`` names the field where it is none; where work on it would take too much memory, at so many bytes
-    for each cell; and where it holds NaN or +inf.
+    A ``ValueError`` names the field where it is none; where work on it would take too much memory,
+    at so many bytes for each cell; and where it holds NaN or +inf.
     """
     try:
         array = np.asarray(values)
@@ -188,20 +204,24 @@ def checked_map(values: Any, name: str, kinds: str, each: float = 0) -> NDArray[
         raise ValueError(f"{name} holds values of the type {array.dtype}, not {wanted}")
     if array.ndim != 2 or not array.size:
         raise ValueError(f"{name} has the shape {array.shape}, but a map has two axes (X, Y)")
-    check_memory(f"{name}: work on a map of {array.shape[0]} x {array.shape[1]} cells", each * array.size)
+    check_memory(
+        f"{name}: work on a map of {array.shape[0]} x {array.shape[1]} cells", each * array.size
+    )
     if kinds == "b":
         return array
     array = array.astype(np.float64, copy=False)
     if not np.all(array < np.inf):
-        raise ValueError(f"{name} holds NaN or +inf: each cell must be a number of dB, or -inf where blocked")
+        raise ValueError(
+            f"{name} holds NaN or +inf: each cell must be a number of dB, or -inf where blocked"
+        )
     return array
 
 
 def legal_moves(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which of the eight moves lead from each cell to a free cell of the map.
 
-    A move is legal where its destination is on the map and free; diagonal moves may cut corners, as in the
-    paper's eq. (15c), which only tests the two cell centres.
+    A move is legal where its destination is on the map and free; diagonal moves may cut corners, as
+    in the paper's eq. (15c), which only tests the two cell centres.
 
     Parameters
     ----------
@@ -215,13 +235,16 @@ def legal_moves(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     columns, rows = free.shape
     padded = np.zeros((columns + 2, rows + 2), dtype=bool)
     padded[1:-1, 1:-1] = free
-    return np.stack([padded[1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1)
+    return np.stack(
+        [padded[1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1
+    )
 
 
 def octile_distance(offsets: ArrayLike) -> NDArray[np.float64]:
     """Length in cells of the shortest eight-direction path over an obstacle-free grid.
 
-    ``offsets`` has shape ``(..., 2)``: cells between the two ends along x and y. Returns shape ``(...)``.
+    ``offsets`` has shape ``(..., 2)``: cells between the two ends along x and y. Returns shape
+    ``(...)``.
     """
     apart = np.abs(np.asarray(offsets, dtype=np.float64))
     return np.asarray(apart.max(axis=-1) + (sqrt(2.0) - 1.0) * apart.min(axis=-1))

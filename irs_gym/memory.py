@@ -1,4 +1,6 @@
-"""`check_memory`: work that would take more memory than this machine should give is refused before it begins."""
+"""`check_memory`: work that would take more memory than this machine should give is refused before
+it begins.
+"""
 
 import os
 import re
@@ -21,7 +23,8 @@ class MemoryLimitError(ValueError):
 
 
 def memory_limit() -> int:
-    """Bytes that one piece of work may hold: ``IRS_GYM_MEMORY``, else half of the machine's or container's memory.
+    """Bytes that one piece of work may hold: ``IRS_GYM_MEMORY``, else half of the machine's or
+    container's memory.
 
     Raises
     ------
@@ -35,7 +38,9 @@ def memory_limit() -> int:
     parts = re.fullmatch(r"(\d{1,15}(?:\.\d{1,6})?)\s*([KMGT]iB|B|)", given)
     limit = int(float(parts[1]) * _UNITS[parts[2]]) if parts else 0
     if limit < 1:
-        raise ValueError(f'{VARIABLE}={given!r} must be a positive number of bytes, such as "500MiB" or "8GiB"')
+        raise ValueError(
+            f'{VARIABLE}={given!r} must be a positive number of bytes, such as "500MiB" or "8GiB"'
+        )
     return limit
 
 
@@ -45,7 +50,8 @@ def check_memory(what: str, held: float, passed: float = 0) -> None:
     Parameters
     ----------
     what
-        Field, value and what they ask for, the beginning of the message: ``"num_envs=1000000: their state"``.
+        Field, value and what they ask for, the beginning of the message: ``"num_envs=1000000: their
+        state"``.
     held
         Bytes that it takes at once.
     passed

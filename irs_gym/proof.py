@@ -1,4 +1,6 @@
-"""The command ``python -m irs_gym.proof``: proves that the frozen splits are what they were; see `verify_splits`."""
+"""The command ``python -m irs_gym.proof``: proves that the frozen splits are what they were; see
+`verify_splits`.
+"""
 
 from runpy import run_module
 

@@ -1,4 +1,6 @@
-"""How vector environments are held against Gymnasium's own over single environments: step by step, to the last bit."""
+"""How vector environments are held against Gymnasium's own over single environments: step by step,
+to the last bit.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +10,15 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
 
-if TYPE_CHECKING:  # older versions of Gymnasium have none, and single environments alone are tested there
+if (
+    TYPE_CHECKING
+):  # older versions of Gymnasium have none, and single environments alone are tested there
     from gymnasium.vector import AutoresetMode
 
 
-def both(env_id: str, n: int, mode: AutoresetMode, **kwargs) -> tuple[gymnasium.vector.VectorEnv, SyncVectorEnv]:
+def both(
+    env_id: str, n: int, mode: AutoresetMode, **kwargs
+) -> tuple[gymnasium.vector.VectorEnv, SyncVectorEnv]:
     """Our vector environment, and Gymnasium's."""
     kwargs.setdefault("infos", "all")
     ours = gymnasium.make_vec(env_id, num_envs=n, autoreset_mode=mode, **kwargs)
@@ -38,7 +44,9 @@ def assert_same(ours, theirs, where="") -> None:
 
 
 def assert_equal_for(steps: int, ours: gymnasium.vector.VectorEnv, single: SyncVectorEnv) -> int:
-    """Step both by random actions, with a reset at times; returns the number of episodes that ended."""
+    """Step both by random actions, with a reset at times; returns the number of episodes that
+    ended.
+    """
     rng = np.random.default_rng(1)
     assert_same(ours.reset(seed=7), single.reset(seed=7))
     ends = 0

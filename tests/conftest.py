@@ -1,4 +1,5 @@
-"""What all tests share: a key of their own, and that those marked ``needs(package, ...)`` run where it is installed.
+"""What all tests share: a key of their own, and that those marked ``needs(package, ...)`` run where
+it is installed.
 
 Elsewhere they are left out, and named at the end.
 """
@@ -29,7 +30,9 @@ def is_there(need: str) -> bool:
         return need[1:] in os.environ
     if find_spec(need.partition(".")[0]) is None:
         return False
-    return not subprocess.run([sys.executable, "-c", f"import {need}"], capture_output=True, check=False).returncode
+    return not subprocess.run(
+        [sys.executable, "-c", f"import {need}"], capture_output=True, check=False
+    ).returncode
 
 
 def missing(item: pytest.Item) -> list[str]:
@@ -39,7 +42,9 @@ def missing(item: pytest.Item) -> list[str]:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Say what the marker means."""
-    config.addinivalue_line("markers", "needs(package, ...): runs where these are installed; see .ci/clients.py")
+    config.addinivalue_line(
+        "markers", "needs(package, ...): runs where these are installed; see .ci/clients.py"
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -58,8 +63,12 @@ def pytest_testnodedown(node, error) -> None:
     node.config.stash[LEFT_OUT] = getattr(node, "workeroutput", {}).get("left_out", [])
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
     """Name the tests that were left out."""
     names = config.stash.get(LEFT_OUT, [])
     if names:
-        terminalreporter.write_line(f"deselected, since `make clients` runs them: {', '.join(names)}")
+        terminalreporter.write_line(
+            f"deselected, since `make clients` runs them: {', '.join(names)}"
+        )

@@ -1,15 +1,19 @@
-"""The fuzzer: ``python tests/fuzz.py --inputs 2000`` gives damaged and hostile input to everything that reads any.
+"""The fuzzer: ``python tests/fuzz.py --inputs 2000`` gives damaged and hostile input to everything
+that reads any.
 
-Each target mutates what is valid, so that most of the way in is passed: scene files, map files, arguments of the public
-functions and environments, run folders, and command lines of ``train`` and ``eval``, which are read and checked but
-not run. An input may be taken, or refused by a clear error of the project's own; anything else is a failure:
+Each target mutates what is valid, so that most of the way in is passed: scene files, map files,
+arguments of the public functions and environments, run folders, and command lines of ``train`` and
+``eval``, which are read and checked but not run. An input may be taken, or refused by a clear error
+of the project's own; anything else is a failure:
 
-- an exception that is no ``ValueError`` or ``TypeError`` raised by a line of this project, and no ``OSError``;
+- an exception that is no ``ValueError`` or ``TypeError`` raised by a line of this project, and no
+  ``OSError``;
 - a warning raised by a line of this project;
 - an input that takes longer than `SECONDS`;
 - more memory than `BYTES`, which is more than `MEMORY` allows.
 
-The same inputs come each time unless there is a ``--seed``. A failure is shown with the smallest input that was found.
+The same inputs come each time unless there is a ``--seed``. A failure is shown with the smallest
+input that was found.
 """
 
 import argparse
@@ -56,7 +60,9 @@ def is_own(error: BaseException) -> bool:
     if isinstance(error, OSError) and error.errno is not None:
         return True
     last = traceback.extract_tb(error.__traceback__)[-1].filename
-    return isinstance(error, OSError | ValueError | TypeError) and os.path.abspath(last).startswith(OURS)
+    return isinstance(error, OSError | ValueError | TypeError) and os.path.abspath(last).startswith(
+        OURS
+    )
 
 
 @contextlib.contextmanager
@@ -83,13 +89,42 @@ def judged() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
-# --- mutations --------------------------------------------------------------------------------------------------
+# --- mutations ------------------------------------------------------------------------------------
 
 NASTY: list[Any] = [
-    *(None, True, False, 0, -1, 1, 2, 3, 7, 17, 255, 10**9, 2**31, 2**63, -(2**63), 10**30, 10**400),
+    *(
+        None,
+        True,
+        False,
+        0,
+        -1,
+        1,
+        2,
+        3,
+        7,
+        17,
+        255,
+        10**9,
+        2**31,
+        2**63,
+        -(2**63),
+        10**30,
+        10**400,
+    ),
     *(0.5, -0.0, 1e-12, 1e-9, 1e-320, 5e-324, 1e300, -1e300, 1e308, 1e6, 1e-3, 0.1, 0.3),
     *(float("nan"), float("inf"), float("-inf")),
-    *("", "0.5", "paper", "x_min", "../../etc/passwd", "/dev/zero", "a\0b", "\ud800", "é" * 300, "[0, 1]"),
+    *(
+        "",
+        "0.5",
+        "paper",
+        "x_min",
+        "../../etc/passwd",
+        "/dev/zero",
+        "a\0b",
+        "\ud800",
+        "é" * 300,
+        "[0, 1]",
+    ),
     *([], {}, [0], [0, 0], [0.5, 20], [1, 2, 3], [[0]], [None, None], [True, False], {"a": 1}),
 ]
 # Most of the way in is passed by few inputs that are wrong by more than a number.
@@ -98,12 +133,18 @@ numbers = (
     | st.integers(0, 12)
     | st.sampled_from([each for each in NASTY if isinstance(each, int | float)])
 )
-values = st.sampled_from(NASTY) | st.integers() | st.floats() | st.floats(-30, 30) | st.text(max_size=5)
+values = (
+    st.sampled_from(NASTY) | st.integers() | st.floats() | st.floats(-30, 30) | st.text(max_size=5)
+)
 hows = st.sampled_from(["put", "drop", "twice", "add"])
 change = st.tuples(st.integers(0, 10**6), st.just("number"), numbers)
 changes = st.lists(change | change | st.tuples(st.integers(0, 10**6), hows, values), max_size=3)
 damages = st.lists(
-    st.tuples(st.integers(0, 10**6), st.sampled_from(["flip", "cut", "insert"]), st.binary(min_size=1, max_size=8)),
+    st.tuples(
+        st.integers(0, 10**6),
+        st.sampled_from(["flip", "cut", "insert"]),
+        st.binary(min_size=1, max_size=8),
+    ),
     max_size=2,
 )
 
@@ -120,7 +161,11 @@ def mutated(tree: Any, wanted: list[tuple[int, str, Any]]) -> Any:
     """A copy of a tree of JSON with some of its values put, dropped, doubled or added to."""
     tree = json.loads(json.dumps(tree))
     for number, how, value in wanted:
-        found = [each for each in places(tree) if how != "number" or isinstance(each[0][each[1]], int | float)]
+        found = [
+            each
+            for each in places(tree)
+            if how != "number" or isinstance(each[0][each[1]], int | float)
+        ]
         if not found:
             break
         part, key = found[number % len(found)]
@@ -155,7 +200,7 @@ def as_json(tree: Any) -> bytes:
     return json.dumps(tree, default=str, skipkeys=True).encode()
 
 
-# --- scenes -----------------------------------------------------------------------------------------------------
+# --- scenes ---------------------------------------------------------------------------------------
 
 
 def scenes(folder: Path) -> Callable[[], None]:
@@ -173,7 +218,12 @@ def scenes(folder: Path) -> Callable[[], None]:
         st.integers(0, 9).flatmap(lambda n: damages if n == 5 else st.just([])),
         st.sampled_from([1.0, 1.0, 2.0, 0.5, 4.0, 1e-4]),
         st.sampled_from(
-            [{}, {"phase_bits": 1}, {"phase_bits": 2, "quantiser": "optimal"}, {"array_model": "spherical"}]
+            [
+                {},
+                {"phase_bits": 1},
+                {"phase_bits": 2, "quantiser": "optimal"},
+                {"array_model": "spherical"},
+            ]
         ),
     )
     def target(base: Any, wanted: Any, broken: Any, cell_size: float, hardware: Any) -> None:
@@ -197,23 +247,47 @@ def play(env: Any) -> None:
     env.close()
 
 
-# --- maps -------------------------------------------------------------------------------------------------------
+# --- maps -----------------------------------------------------------------------------------------
 
 ARRAYS: list[Any] = [
-    *(np.float64(0.5), np.int64(1), np.int64(2), np.float64("nan"), np.zeros(2), np.zeros(3), np.array("text")),
+    *(
+        np.float64(0.5),
+        np.int64(1),
+        np.int64(2),
+        np.float64("nan"),
+        np.zeros(2),
+        np.zeros(3),
+        np.array("text"),
+    ),
     *(np.zeros((0, 3)), np.full((3, 4), np.nan), np.full((3, 4), np.inf), np.full((3, 4), -np.inf)),
-    *(np.full((3, 4), 1e308), np.zeros((4, 3), order="F"), np.ones((3, 4), ">f4"), np.ones((3, 4), np.longdouble)),
-    *(np.ones((3, 4), bool), np.ones((3, 4), complex), np.ones((3, 4), "M8[s]"), np.ones((3, 4), [("a", "f8")])),
+    *(
+        np.full((3, 4), 1e308),
+        np.zeros((4, 3), order="F"),
+        np.ones((3, 4), ">f4"),
+        np.ones((3, 4), np.longdouble),
+    ),
+    *(
+        np.ones((3, 4), bool),
+        np.ones((3, 4), complex),
+        np.ones((3, 4), "M8[s]"),
+        np.ones((3, 4), [("a", "f8")]),
+    ),
     *(np.array([[None]]), np.array([b"bytes"]), np.array(["\ud800"]), np.zeros((1,) * 32)),
 ]
 
 
-def packed(arrays: dict[str, Any], method: int, headers: list[tuple[int, bytes, bytes]], twice: bool) -> bytes:
-    """An npz archive: of any method, with words of its headers replaced, with an array that is there twice."""
+def packed(
+    arrays: dict[str, Any], method: int, headers: list[tuple[int, bytes, bytes]], twice: bool
+) -> bytes:
+    """An npz archive: of any method, with words of its headers replaced, with an array that is
+    there twice.
+    """
     content = io.BytesIO()
     with warnings.catch_warnings(), zipfile.ZipFile(content, "w", method) as archive:
         warnings.simplefilter("ignore")
-        for n, (name, array) in enumerate([*arrays.items(), *([("gain_db", np.zeros(3))] if twice else [])]):
+        for n, (name, array) in enumerate(
+            [*arrays.items(), *([("gain_db", np.zeros(3))] if twice else [])]
+        ):
             one = io.BytesIO()
             np.save(one, array)
             text = one.getvalue()
@@ -233,32 +307,63 @@ def maps(folder: Path) -> Callable[[], None]:
     from irs_gym.files import read_arrays
 
     file, definition = folder / "map.npz", definition_of("val", 0, 1)
-    block, network = build_shard("val", 0, 1).to_bytes(definition), (ROOT / "models" / "planner.npz").read_bytes()
+    block, network = (
+        build_shard("val", 0, 1).to_bytes(definition),
+        (ROOT / "models" / "planner.npz").read_bytes(),
+    )
     gains = st.sampled_from(
-        [np.zeros((5, 4)), np.add.outer(np.arange(5), -np.arange(4.0)), np.where(np.eye(5), -np.inf, -60)]
+        [
+            np.zeros((5, 4)),
+            np.add.outer(np.arange(5), -np.arange(4.0)),
+            np.where(np.eye(5), -np.inf, -60),
+        ]
     )
     names = st.sampled_from(["format_version", "gain_db", "cell_size", "origin", "free", "more"])
     forged = st.tuples(
         st.integers(0, 4),
-        st.sampled_from([b"(5, 4)", b"<f8", b"False", b"'shape'", b"}", b"NUMPY\x01", b"v\x00", b"()"]),
         st.sampled_from(
-            [b"(9999999999, 4)", b"(0,)", b"|O", b"|O8", b"True", b"(" * 90, b"", b"<f2", b"NUMPY\x09", b"\xff\xff"]
+            [b"(5, 4)", b"<f8", b"False", b"'shape'", b"}", b"NUMPY\x01", b"v\x00", b"()"]
+        ),
+        st.sampled_from(
+            [
+                b"(9999999999, 4)",
+                b"(0,)",
+                b"|O",
+                b"|O8",
+                b"True",
+                b"(" * 90,
+                b"",
+                b"<f2",
+                b"NUMPY\x09",
+                b"\xff\xff",
+            ]
         ),
     )
-    free = st.none() | st.sampled_from([np.ones((5, 4), bool), np.ones((5, 4)), np.zeros((5, 4), bool)])
+    free = st.none() | st.sampled_from(
+        [np.ones((5, 4), bool), np.ones((5, 4)), np.zeros((5, 4), bool)]
+    )
 
     @given(
         gains,
         free,
         st.dictionaries(names, st.none() | st.sampled_from(ARRAYS), max_size=2),
-        st.sampled_from([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED] * 3 + [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA]),
+        st.sampled_from(
+            [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED] * 3 + [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA]
+        ),
         st.just([]) | st.lists(forged, max_size=2),
         st.integers(0, 40).map(lambda n: n == 23),
         st.integers(0, 9).flatmap(lambda n: damages if n in (5, 6) else st.just([])),
         st.sampled_from(["map", "map", "map", "block", "network"]),
     )
     def target(
-        gain: Any, is_free: Any, other: Any, method: int, headers: Any, twice: bool, broken: Any, kind: str
+        gain: Any,
+        is_free: Any,
+        other: Any,
+        method: int,
+        headers: Any,
+        twice: bool,
+        broken: Any,
+        kind: str,
     ) -> None:
         if kind in ("block", "network"):
             content = damaged({"block": block, "network": network}[kind], broken)
@@ -287,7 +392,7 @@ def maps(folder: Path) -> Callable[[], None]:
     return target
 
 
-# --- arguments --------------------------------------------------------------------------------------------------
+# --- arguments ------------------------------------------------------------------------------------
 
 
 def arguments(folder: Path) -> Callable[[], None]:
@@ -306,11 +411,37 @@ def arguments(folder: Path) -> Callable[[], None]:
     feasible = np.isfinite(gain)
     arrays: list[Any] = [
         *(gain, feasible, gain.tolist(), np.zeros((3, 3), int)),
-        *(np.full((4, 4), np.nan), np.full((4, 4), np.inf), np.full((4, 4), -np.inf), np.zeros((0, 0)), np.zeros(3)),
-        *(np.broadcast_to(True, (10**6, 10**6)), np.broadcast_to(0.0, (10**5, 10**5)), np.array([["a"]])),
-        *(np.ones((2, 2), complex), np.array([[None]]), 1e300 * np.ones((3, 3)), np.ones((2, 2), "M8[s]")),
+        *(
+            np.full((4, 4), np.nan),
+            np.full((4, 4), np.inf),
+            np.full((4, 4), -np.inf),
+            np.zeros((0, 0)),
+            np.zeros(3),
+        ),
+        *(
+            np.broadcast_to(True, (10**6, 10**6)),
+            np.broadcast_to(0.0, (10**5, 10**5)),
+            np.array([["a"]]),
+        ),
+        *(
+            np.ones((2, 2), complex),
+            np.array([[None]]),
+            1e300 * np.ones((3, 3)),
+            np.ones((2, 2), "M8[s]"),
+        ),
     ]
-    cells: list[Any] = [(0, 4), (9, 4), (0.5, 20), (True, False), ("0", "1"), (-1, 0), (10**30, 0), (0,), None, "ab"]
+    cells: list[Any] = [
+        (0, 4),
+        (9, 4),
+        (0.5, 20),
+        (True, False),
+        ("0", "1"),
+        (-1, 0),
+        (10**30, 0),
+        (0,),
+        None,
+        "ab",
+    ]
     paths: list[Any] = [
         str(folder),
         str(folder / "fifo"),
@@ -328,7 +459,10 @@ def arguments(folder: Path) -> Callable[[], None]:
         [*NASTY, *arrays, *cells, *paths, np.float32(0.5), np.int64(3), np.bool_(True), object()]
     )
     number = st.sampled_from([0.5, 1.0, 2.0]) | anything
-    cell, array = st.sampled_from(cells[:2]) | st.sampled_from(cells) | anything, st.sampled_from(arrays[:2]) | anything
+    cell, array = (
+        st.sampled_from(cells[:2]) | st.sampled_from(cells) | anything,
+        st.sampled_from(arrays[:2]) | anything,
+    )
     functions: list[tuple[Callable[..., Any], list[Any]]] = [
         (irs_gym.shortest_path, [array, cell, cell, number]),
         (irs_gym.distance_to_go, [array, cell, number]),
@@ -342,13 +476,24 @@ def arguments(folder: Path) -> Callable[[], None]:
         (irs_gym.Grid, [cell, number, st.just((0, 0)) | anything]),
         (irs_gym.Grid.tile, [st.just((0, 0)) | anything, st.just((4, 4)) | anything, number]),
         (irs_gym.Grid((4, 4), 1.0, (0.0, 0.0)).cell_of, [st.just((1, 1)) | anything]),
-        (irs_gym.generate_scene, [st.just(np.random.default_rng(0)) | anything, st.just("easy") | anything]),
-        (irs_gym.build_radio_map, [st.just("paper") | anything, number, st.none() | anything, st.none() | anything]),
-        (irs_gym.build_phase_shifts, [st.just("paper") | anything, number, st.none() | anything, st.none() | anything]),
+        (
+            irs_gym.generate_scene,
+            [st.just(np.random.default_rng(0)) | anything, st.just("easy") | anything],
+        ),
+        (
+            irs_gym.build_radio_map,
+            [st.just("paper") | anything, number, st.none() | anything, st.none() | anything],
+        ),
+        (
+            irs_gym.build_phase_shifts,
+            [st.just("paper") | anything, number, st.none() | anything, st.none() | anything],
+        ),
         (scene_set.build_scene_set, [st.just("val") | anything, st.just(0) | anything]),
     ]
     names = [name for kind in (Task, RandomTask) for name in kind.__dataclass_fields__]
-    given_names = st.sampled_from([*names, "num_envs", "max_episode_steps", "autoreset_mode", "render_mode", "nothing"])
+    given_names = st.sampled_from(
+        [*names, "num_envs", "max_episode_steps", "autoreset_mode", "render_mode", "nothing"]
+    )
     kwargs = st.dictionaries(given_names, anything, min_size=1, max_size=2)
 
     @st.composite
@@ -360,7 +505,9 @@ def arguments(folder: Path) -> Callable[[], None]:
         lambda **more: play(IrsNavEnv(**{"cell_size": 2.0} | more)),
         lambda **more: play(IrsNavRandomEnv(**{"num_scenes": 2, "split": "val"} | more)),
         lambda **more: IrsNavVectorEnv(**{"num_envs": 2, "cell_size": 2.0} | more).reset(seed=0),
-        lambda **more: IrsNavRandomVectorEnv(**{"num_envs": 2, "num_scenes": 2, "split": "val"} | more).reset(seed=0),
+        lambda **more: IrsNavRandomVectorEnv(
+            **{"num_envs": 2, "num_scenes": 2, "split": "val"} | more
+        ).reset(seed=0),
     ]
 
     @given(calls() | st.tuples(st.sampled_from(made), kwargs))
@@ -382,7 +529,7 @@ def arguments(folder: Path) -> Callable[[], None]:
     return target
 
 
-# --- run folders ------------------------------------------------------------------------------------------------
+# --- run folders ----------------------------------------------------------------------------------
 
 
 def runs(folder: Path) -> Callable[[], None]:
@@ -399,7 +546,21 @@ def runs(folder: Path) -> Callable[[], None]:
     bases, floor = [], open_floor(folder)
     for algorithm, more in (("q_learning", []), ("q_learning", ["--hold", "9"]), ("ppo", [])):
         base = folder / f"{algorithm}{len(bases)}"
-        assert call([algorithm, "--out", base, *TINY[algorithm], *floor, "--agent.total-timesteps", 128, *more]) == 0
+        assert (
+            call(
+                [
+                    algorithm,
+                    "--out",
+                    base,
+                    *TINY[algorithm],
+                    *floor,
+                    "--agent.total-timesteps",
+                    128,
+                    *more,
+                ]
+            )
+            == 0
+        )
         bases.append({each.name: each.read_bytes() for each in base.iterdir() if each.is_file()})
     place = folder / "fuzzed" / "run"
 
@@ -408,27 +569,44 @@ def runs(folder: Path) -> Callable[[], None]:
         st.just([]) | changes,
         st.just([]) | changes,
         st.none()
-        | st.tuples(st.integers(0, 20), st.sampled_from(["damage", "drop", "folder", "link", "fifo"]), damages),
+        | st.tuples(
+            st.integers(0, 20),
+            st.sampled_from(["damage", "drop", "folder", "link", "fifo"]),
+            damages,
+        ),
         st.booleans(),
     )
-    def target(base: dict[str, bytes], manifest: Any, config: Any, one: Any, is_rehashed: bool) -> None:
+    def target(
+        base: dict[str, bytes], manifest: Any, config: Any, one: Any, is_rehashed: bool
+    ) -> None:
         shutil.rmtree(place.parent, ignore_errors=True)
         place.mkdir(parents=True)
         files = dict(base)
         for name, wanted in (("manifest.json", manifest), ("config.json", config)):
-            files[name] = as_json(mutated(json.loads(files[name]), wanted)) if wanted else files[name]
-        name, how, broken = (None, "", []) if one is None else (sorted(files)[one[0] % len(files)], *one[1:])
+            files[name] = (
+                as_json(mutated(json.loads(files[name]), wanted)) if wanted else files[name]
+            )
+        name, how, broken = (
+            (None, "", []) if one is None else (sorted(files)[one[0] % len(files)], *one[1:])
+        )
         if how == "damage":
             files[name] = damaged(files[name], broken)
         for each in base if is_rehashed else ():
             if not each.endswith((".zip", ".pickle")):  # to read what is pickled runs it
-                digests = sha256(base[each]).hexdigest().encode(), sha256(files[each]).hexdigest().encode()
+                digests = (
+                    sha256(base[each]).hexdigest().encode(),
+                    sha256(files[each]).hexdigest().encode(),
+                )
                 files["manifest.json"] = files["manifest.json"].replace(*digests)
         for each, content in files.items():
             (place / each).write_bytes(content)
         if how in ("drop", "folder", "link", "fifo"):
             (place / name).unlink()
-            make = {"folder": Path.mkdir, "fifo": os.mkfifo, "link": lambda path: path.symlink_to("/dev/zero")}
+            make = {
+                "folder": Path.mkdir,
+                "fifo": os.mkfifo,
+                "link": lambda path: path.symlink_to("/dev/zero"),
+            }
             make.get(how, lambda _: None)(place / name)
         with judged():
             read_results(find_runs(place.parent))
@@ -445,10 +623,27 @@ def runs(folder: Path) -> Callable[[], None]:
     return target
 
 
-# --- command lines ----------------------------------------------------------------------------------------------
+# --- command lines --------------------------------------------------------------------------------
 
 WORDS = [
-    *("", "0", "-1", "1", "3", "64", "0.5", "1e-3", "1e9", "1e400", "nan", "inf", "-inf", "None", "True", "10" * 300),
+    *(
+        "",
+        "0",
+        "-1",
+        "1",
+        "3",
+        "64",
+        "0.5",
+        "1e-3",
+        "1e9",
+        "1e400",
+        "nan",
+        "inf",
+        "-inf",
+        "None",
+        "True",
+        "10" * 300,
+    ),
     *(
         "paper",
         "workshop",
@@ -464,7 +659,21 @@ WORDS = [
         "/nowhere/x",
         ".",
     ),
-    *("--", "-", "=", "[]", "{}", "(0, 0)", "best last", "\ud800", "$(id)", "--help", "ppo", "oracle", "models"),
+    *(
+        "--",
+        "-",
+        "=",
+        "[]",
+        "{}",
+        "(0, 0)",
+        "best last",
+        "\ud800",
+        "$(id)",
+        "--help",
+        "ppo",
+        "oracle",
+        "models",
+    ),
 ]
 
 
@@ -485,16 +694,26 @@ def commands(folder: Path) -> Callable[[], None]:
         found = []
         for name, value in vars(config).items():
             is_part = hasattr(value, "__dataclass_fields__")
-            found += options_of(value, f"{prefix}{name}.") if is_part else [f"{prefix}{name}".replace("_", "-")]
+            found += (
+                options_of(value, f"{prefix}{name}.")
+                if is_part
+                else [f"{prefix}{name}".replace("_", "-")]
+            )
         return found
 
     def train_lines(algorithm: str) -> st.SearchStrategy[Any]:
         option = st.sampled_from(options_of(defaults_of(algorithm)))
-        pair = st.tuples(option, st.sampled_from(WORDS) | st.text(max_size=4) | st.integers().map(str))
+        pair = st.tuples(
+            option, st.sampled_from(WORDS) | st.text(max_size=4) | st.integers().map(str)
+        )
         return st.tuples(st.just(algorithm), st.lists(pair, min_size=1, max_size=2))
 
     def eval_lines(command: str) -> st.SearchStrategy[Any]:
-        names = [f"--{name.replace('_', '-')}" for name in mains[command].__annotations__ if name != "return"]
+        names = [
+            f"--{name.replace('_', '-')}"
+            for name in mains[command].__annotations__
+            if name != "return"
+        ]
         word = st.sampled_from([*WORDS, *names])
         return st.tuples(st.just(command), st.lists(st.tuples(word, word), max_size=3))
 
@@ -503,7 +722,9 @@ def commands(folder: Path) -> Callable[[], None]:
         **{f"eval {each}": eval_lines(each) for each in COMMANDS},
     }
 
-    @given(st.sampled_from(list(lines)).flatmap(lambda which: st.tuples(st.just(which), lines[which])))
+    @given(
+        st.sampled_from(list(lines)).flatmap(lambda which: st.tuples(st.just(which), lines[which]))
+    )
     def target(drawn: Any) -> None:
         which, (name, pairs) = drawn
         words = [word for pair in pairs for word in pair]
@@ -525,7 +746,7 @@ def commands(folder: Path) -> Callable[[], None]:
     return target
 
 
-# --- all of them ------------------------------------------------------------------------------------------------
+# --- all of them ----------------------------------------------------------------------------------
 
 TARGETS: dict[str, Callable[[Path], Callable[[], None]]] = {
     "scenes": scenes,
@@ -565,10 +786,14 @@ def fuzz(name: str, inputs: int, number: int | None) -> None:
 
 def main() -> int:
     """Fuzz all targets at once, each in a process of its own, or the one that is named."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("targets", nargs="*", choices=[*TARGETS, []], help="all by default")
     parser.add_argument("--inputs", type=int, default=2000, help="for each target (2000)")
-    parser.add_argument("--seed", type=int, default=None, help="other inputs than those of every time")
+    parser.add_argument(
+        "--seed", type=int, default=None, help="other inputs than those of every time"
+    )
     options = parser.parse_args()
     if len(options.targets) == 1:
         fuzz(options.targets[0], options.inputs, options.seed)
@@ -583,7 +808,14 @@ def main() -> int:
     status, waiting, running = 0, list(options.targets or TARGETS), []
     while waiting or running:
         while waiting and len(running) < (os.cpu_count() or 1):
-            words = [sys.executable, __file__, waiting.pop(0), "--inputs", str(options.inputs), *more]
+            words = [
+                sys.executable,
+                __file__,
+                waiting.pop(0),
+                "--inputs",
+                str(options.inputs),
+                *more,
+            ]
             running.append(subprocess.Popen(words, cwd=ROOT, env=environment))
         ended = running.pop(0)
         status |= bool(ended.wait())

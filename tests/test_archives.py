@@ -1,4 +1,6 @@
-"""Facts of files from elsewhere: sizes are known before anything is unpacked, damage is told, nothing is unpickled."""
+"""Facts of files from elsewhere: sizes are known before anything is unpacked, damage is told,
+nothing is unpickled.
+"""
 
 import io
 import os
@@ -17,7 +19,11 @@ from irs_gym import RadioMap, load_scene
 from irs_gym.files import as_path, read_arrays, read_file
 from irs_gym.radio.scene import load_scenes
 
-ARRAYS = {"one": np.arange(6.0).reshape(2, 3), "two": np.array([True, False]), "text": np.array("é")}
+ARRAYS = {
+    "one": np.arange(6.0).reshape(2, 3),
+    "two": np.array([True, False]),
+    "text": np.array("é"),
+}
 
 
 def npz(arrays=ARRAYS, method=zipfile.ZIP_DEFLATED, change=lambda name, content: content) -> bytes:
@@ -36,7 +42,7 @@ def header(text: str) -> bytes:
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
 
 
-# --- what is read -------------------------------------------------------------------------------------------------
+# --- what is read ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
@@ -70,7 +76,7 @@ def test_what_numpy_writes_is_read(tmp_path):
         assert all(np.array_equal(found[name], array) for name, array in ARRAYS.items())
 
 
-# --- what is refused ----------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
 
 
 def encrypted() -> bytes:
@@ -115,19 +121,43 @@ DAMAGE = [
     (encrypted(), "'one.npy' is encrypted"),
     (overlapping(), "overlaps another"),
     (duplicate(), "two arrays of one name"),
-    (npz({f"a{n}": np.zeros(1) for n in range(1001)}, zipfile.ZIP_STORED), "1001 arrays, more than the 1000"),
+    (
+        npz({f"a{n}": np.zeros(1) for n in range(1001)}, zipfile.ZIP_STORED),
+        "1001 arrays, more than the 1000",
+    ),
     (npz({"a": np.array([Thief()], dtype=object)}), r"a holds objects.*unpickled"),
     (npz({"a": np.zeros(2, [("x", "f8")])}), "a has a header that NumPy does not write"),
     (npz({"a": np.zeros(2, "M8[s]")}), r"values of the type '<M8\[s\]'"),
     (npz(change=lambda *_: b"text"), "one is not an array in NumPy's format"),
-    (forged("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 9), }\n"), "but .* values .* are others"),
-    (forged("{'descr': '<f8', 'fortran_order': False, 'shape': (4,), }\n"), r"a has .* bytes, but \(4,\) values"),
-    (forged("{'descr': '<f8', 'fortran_order': False, 'shape': (-3,), }\n"), "a header that NumPy does not write"),
-    (forged("{'descr': __import__('os'), 'fortran_order': False, 'shape': (3,), }\n"), "NumPy does not write"),
+    (
+        forged("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 9), }\n"),
+        "but .* values .* are others",
+    ),
+    (
+        forged("{'descr': '<f8', 'fortran_order': False, 'shape': (4,), }\n"),
+        r"a has .* bytes, but \(4,\) values",
+    ),
+    (
+        forged("{'descr': '<f8', 'fortran_order': False, 'shape': (-3,), }\n"),
+        "a header that NumPy does not write",
+    ),
+    (
+        forged("{'descr': __import__('os'), 'fortran_order': False, 'shape': (3,), }\n"),
+        "NumPy does not write",
+    ),
     (forged("(" * 2000), "a has a header that NumPy does not write"),
-    (npz({"a": np.zeros(1)}, change=lambda *_: header(" " * 9000)), "header of 9000 bytes, more than the 4096"),
-    (npz({"a": np.array([True])}, change=lambda _, each: each[:-1] + b"\x07"), "neither True nor False"),
-    (npz({"a": np.array(["a"])}, change=lambda _, each: each[:-1] + b"\x7f"), "characters that there are not"),
+    (
+        npz({"a": np.zeros(1)}, change=lambda *_: header(" " * 9000)),
+        "header of 9000 bytes, more than the 4096",
+    ),
+    (
+        npz({"a": np.array([True])}, change=lambda _, each: each[:-1] + b"\x07"),
+        "neither True nor False",
+    ),
+    (
+        npz({"a": np.array(["a"])}, change=lambda _, each: each[:-1] + b"\x7f"),
+        "characters that there are not",
+    ),
 ]
 
 
@@ -145,7 +175,9 @@ def test_every_turned_bit_is_told_or_changes_nothing():
             found = read_arrays(content)
         except ValueError:
             continue
-        assert all(np.array_equal(found[name], ARRAYS[name]) for name in {*found} & {*ARRAYS}), place
+        assert all(np.array_equal(found[name], ARRAYS[name]) for name in {*found} & {*ARRAYS}), (
+            place
+        )
 
 
 def test_a_bomb_is_refused_by_the_size_that_it_tells(monkeypatch, tmp_path):
@@ -153,7 +185,10 @@ def test_a_bomb_is_refused_by_the_size_that_it_tells(monkeypatch, tmp_path):
     path = tmp_path / "bomb.npz"
     path.write_bytes(npz({"gain_db": np.zeros((1000, 1000))}))
     assert path.stat().st_size < 20_000
-    with pytest.raises(ValueError, match=r"bomb\.npz' is not a radio map: what the archive unpacks to would take 7\.6"):
+    with pytest.raises(
+        ValueError,
+        match=r"bomb\.npz' is not a radio map: what the archive unpacks to would take 7\.6",
+    ):
         RadioMap.load(path)
 
 
@@ -168,11 +203,13 @@ def test_a_bomb_that_lies_about_its_size_is_never_unpacked(tmp_path):
         "try:\n    read_arrays(sys.stdin.buffer.read())\nexcept ValueError:\n"
         "    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], input=content, capture_output=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], input=content, capture_output=True, check=True
+    )
     assert int(done.stdout) * (1 if sys.platform == "darwin" else 1024) < 40_000_000
 
 
-# --- what is no file ----------------------------------------------------------------------------------------------
+# --- what is no file ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("value", [5, 0, True, None, b"map.npz", 1.5, ["map.npz"], "a\0b"])
@@ -230,7 +267,11 @@ def test_a_file_of_10_gigabytes_is_refused_by_its_size(tmp_path, monkeypatch):
     for name in ("map.npz", "scene.json"):
         with (tmp_path / name).open("wb") as file:
             file.truncate(10 * 10**9)  # a hole: takes no room on the disk
-    with pytest.raises(ValueError, match=r"map\.npz' would take 9\.313 GiB of memory, more than the limit of 1 GiB"):
+    with pytest.raises(
+        ValueError, match=r"map\.npz' would take 9\.313 GiB of memory, more than the limit of 1 GiB"
+    ):
         RadioMap.load(tmp_path / "map.npz")
-    with pytest.raises(ValueError, match=r"scene\.json' has 9\.313 GiB, more than the 16 MiB that are read here"):
+    with pytest.raises(
+        ValueError, match=r"scene\.json' has 9\.313 GiB, more than the 16 MiB that are read here"
+    ):
         load_scene(tmp_path / "scene.json")

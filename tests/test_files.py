@@ -1,4 +1,6 @@
-"""Facts of writing and reading files: whole or not at all, and never through what somebody has put in the way."""
+"""Facts of writing and reading files: whole or not at all, and never through what somebody has put
+in the way.
+"""
 
 import errno
 import os

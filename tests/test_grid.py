@@ -58,9 +58,13 @@ def test_the_papers_start_and_goal_are_the_cells_above_the_middle_line():
     assert PAPER.centre((39, 20)) == (9.75, 0.25)
 
 
-@pytest.mark.parametrize("point", [(10.001, 0.0), (-10.001, 0.0), (0.0, 11.0), (0.0, -11.0), (nan, 0.0)])
+@pytest.mark.parametrize(
+    "point", [(10.001, 0.0), (-10.001, 0.0), (0.0, 11.0), (0.0, -11.0), (nan, 0.0)]
+)
 def test_a_point_outside_has_no_cell(point):
-    with pytest.raises(ValueError, match=r"the point .* lies outside the floor from \(-10.0, -10.0\)"):
+    with pytest.raises(
+        ValueError, match=r"the point .* lies outside the floor from \(-10.0, -10.0\)"
+    ):
         PAPER.cell_of(point)
 
 
@@ -72,7 +76,9 @@ def test_sizes_that_divide_the_floor_tile_it_exactly(size):
 
 @pytest.mark.parametrize("size", [0.3, 0.7, 3.0, 19.0, 30.0, 50.0])
 def test_a_size_that_does_not_divide_the_floor_is_refused_with_one_that_does(size):
-    with pytest.raises(ValueError, match=rf"cell_size={size} does not divide the room's 20 m along x: .* m would") as e:
+    with pytest.raises(
+        ValueError, match=rf"cell_size={size} does not divide the room's 20 m along x: .* m would"
+    ) as e:
         Grid.tile((-10.0, -10.0), (10.0, 10.0), size)
     better = float(str(e.value).rsplit(": ")[1].removesuffix(" m would"))
     assert 20 / better == pytest.approx(round(20 / better), rel=1e-5)
@@ -99,10 +105,12 @@ def test_an_origin_is_two_finite_numbers(origin):
 
 def test_the_grid_has_the_cells_from_zero_to_its_shape():
     grid = Grid((3, 2), 1.0, (0.0, 0.0))
-    assert [(i, j) for i in range(-2, 6) for j in range(-2, 6) if grid.has((i, j))] == list(np.ndindex(3, 2))
+    assert [(i, j) for i in range(-2, 6) for j in range(-2, 6) if grid.has((i, j))] == list(
+        np.ndindex(3, 2)
+    )
 
 
-# --- moves --------------------------------------------------------------------------------------------------------
+# --- moves ----------------------------------------------------------------------------------------
 
 
 def test_moves_run_counter_clockwise_from_east():

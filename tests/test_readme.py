@@ -1,8 +1,9 @@
 """Every block of code in README.md runs, in a copy of the checkout.
 
-Comments in front of a block tell the test, and whoever reads the source, how it differs from the text:
-`<!-- test: OLD -> NEW -->` replaces one place, `<!-- test: needs PACKAGE -->` leaves it to `make clients` where the
-package is missing. In bash blocks, `make` only says what it would do, and `pip install` only whether it could.
+Comments in front of a block tell the test, and whoever reads the source, how it differs from the
+text: `<!-- test: OLD -> NEW -->` replaces one place, `<!-- test: needs PACKAGE -->` leaves it to
+`make clients` where the package is missing. In bash blocks, `make` only says what it would do, and
+`pip install` only whether it could.
 """
 
 import os
@@ -81,7 +82,9 @@ def run(block: Block, checkout: Path) -> subprocess.CompletedProcess:
         "bash": ["bash", "-euo", "pipefail", "-c", block.shortened],
     }
     settings = {
-        "PATH": os.pathsep.join([str(checkout / ".shims"), str(Path(sys.executable).parent), os.environ["PATH"]]),
+        "PATH": os.pathsep.join(
+            [str(checkout / ".shims"), str(Path(sys.executable).parent), os.environ["PATH"]]
+        ),
         "PYTHONPATH": str(checkout),  # of processes that workers start
         "REAL_MAKE": shutil.which("make") or "make",
         "OMP_NUM_THREADS": "1",
@@ -122,7 +125,9 @@ RUNNABLE = [block for block in blocks(README.read_text()) if block.language not 
 
 def case(block: Block) -> ParameterSet:
     marks = [pytest.mark.needs(*block.needs)] if block.needs else []
-    label = "-".join([f"line-{block.line}", block.language, *(f"needs_{need}" for need in block.needs)])
+    label = "-".join(
+        [f"line-{block.line}", block.language, *(f"needs_{need}" for need in block.needs)]
+    )
     return pytest.param(block, id=label, marks=marks)
 
 
@@ -152,7 +157,9 @@ def test_a_broken_block_fails(checkout):
 
 @pytest.mark.parametrize("config", [PpoConfig(), DqnConfig()], ids=lambda config: config.algorithm)
 def test_settings_for_rl_zoo3_are_those_of_train(config):
-    zoo = yaml.safe_load((ROOT / "train" / "zoo" / f"{config.algorithm}.yml").read_text())["IrsNavFlat-v0"]
+    zoo = yaml.safe_load((ROOT / "train" / "zoo" / f"{config.algorithm}.yml").read_text())[
+        "IrsNavFlat-v0"
+    ]
     assert zoo.pop("env_kwargs") == {"random_start": DEFAULTS[config.algorithm].env.random_start}
     assert zoo.pop("policy_kwargs") == f"dict(net_arch={list(config.net_arch)})"
     assert float(zoo.pop("learning_rate").removeprefix("lin_")) == config.learning_rate

@@ -1,4 +1,6 @@
-"""Facts of what comes from users: whatever can mean nothing is a ``ValueError`` that names the field."""
+"""Facts of what comes from users: whatever can mean nothing is a ``ValueError`` that names the
+field.
+"""
 
 import subprocess
 import sys
@@ -42,9 +44,21 @@ def changed(**parts) -> Scene:
     return Scene.model_validate({**PAPER.model_dump(), **parts})
 
 
-# --- arrays -------------------------------------------------------------------------------------------------------
+# --- arrays ---------------------------------------------------------------------------------------
 
-NO_CELLS = [(0.5, 20), (True, False), (np.True_, 0), ("0", "1"), "ab", (0,), (0, 1, 2), None, 3, (NAN, 0), np.zeros(2)]
+NO_CELLS = [
+    (0.5, 20),
+    (True, False),
+    (np.True_, 0),
+    ("0", "1"),
+    "ab",
+    (0,),
+    (0, 1, 2),
+    None,
+    3,
+    (NAN, 0),
+    np.zeros(2),
+]
 
 
 @pytest.mark.parametrize("name", ["start", "goal"])
@@ -52,7 +66,9 @@ NO_CELLS = [(0.5, 20), (True, False), (np.True_, 0), ("0", "1"), "ab", (0,), (0,
 def test_a_cell_is_two_integers(name, cell):
     ends = {"start": ENDS[0], "goal": ENDS[1], name: cell}
     for function in (shortest_path, straight_line_bound):
-        with pytest.raises(ValueError, match=rf"^{name}=.* must be a cell \(i, j\) of two integers"):
+        with pytest.raises(
+            ValueError, match=rf"^{name}=.* must be a cell \(i, j\) of two integers"
+        ):
             function(FEASIBLE, *ends.values(), 1.0)
     with pytest.raises(ValueError, match=rf"^{name}=.* must be a cell"):
         trade_off(GAIN, *ends.values(), 1.0)
@@ -66,7 +82,9 @@ def test_a_cell_is_two_integers(name, cell):
             distance_to_go(FEASIBLE, cell, 1.0)
 
 
-@pytest.mark.parametrize("cell_size", [-1, 0, NAN, INF, True, "0.5", None, 1j, 1e-320, 1e300, [0.5]])
+@pytest.mark.parametrize(
+    "cell_size", [-1, 0, NAN, INF, True, "0.5", None, 1j, 1e-320, 1e300, [0.5]]
+)
 def test_a_cell_has_a_size(cell_size):
     works = [
         lambda: shortest_path(FEASIBLE, *ENDS, cell_size),
@@ -82,7 +100,9 @@ def test_a_cell_has_a_size(cell_size):
         lambda: scene_set_of([PAPER], cell_size=cell_size),
     ]
     for work in works:
-        with pytest.raises(ValueError, match=r"cell_size=.* must (be a positive number of metres|lie from)"):
+        with pytest.raises(
+            ValueError, match=r"cell_size=.* must (be a positive number of metres|lie from)"
+        ):
             work()
 
 
@@ -113,7 +133,9 @@ def test_gains_are_a_map_of_real_numbers(array, message):
             function(array, (0, 0), (0, 1))
 
 
-@pytest.mark.parametrize("array", [np.ones((3, 3)), np.ones((3, 3), int), np.ones(3, bool), GAIN, [["a"]], None])
+@pytest.mark.parametrize(
+    "array", [np.ones((3, 3)), np.ones((3, 3), int), np.ones(3, bool), GAIN, [["a"]], None]
+)
 def test_feasible_cells_are_a_map_of_bools(array):
     for function in (shortest_path, straight_line_bound):
         with pytest.raises(ValueError, match=r"feasible (has|holds)"):
@@ -125,7 +147,10 @@ def test_feasible_cells_are_a_map_of_bools(array):
 def test_lists_and_whole_numbers_serve_as_maps():
     assert highest_feasible_target([[1, 3, 2]], (0, 0), (0, 2)) == 1.0
     assert highest_feasible_target(np.array([[1, 3, 2]], np.uint8), (0, 0), (0, 2)) == 1.0
-    assert shortest_path([[True, True]], np.array([0, 0]), (np.int8(0), 1), np.float32(0.5)).distance == 0.5
+    assert (
+        shortest_path([[True, True]], np.array([0, 0]), (np.int8(0), 1), np.float32(0.5)).distance
+        == 0.5
+    )
     assert trade_off([[1, 3, 2]], (0, 0), (0, 2), 2).distances.tolist() == [4.0]
 
 
@@ -160,7 +185,7 @@ def test_a_point_is_two_numbers(point):
         Grid.tile(point, (4.0, 4.0), 1.0)
 
 
-# --- scenes -------------------------------------------------------------------------------------------------------
+# --- scenes ---------------------------------------------------------------------------------------
 
 
 def coefficients(**more) -> dict:
@@ -175,8 +200,14 @@ SCENES = [
     ({"antenna_height": 1e300}, "antenna_height"),
     ({"rician_factor_db": 1e5}, "rician_factor_db"),
     ({"start": (1e300, 0)}, r"start\.0"),
-    ({"irs_panels": [{**PAPER.irs_panels[0].model_dump(), "pitch_wavelengths": 1e308}]}, "pitch_wavelengths"),
-    ({"irs_panels": [{**PAPER.irs_panels[0].model_dump(), "pitch_wavelengths": 1e-320}]}, "pitch_wavelengths"),
+    (
+        {"irs_panels": [{**PAPER.irs_panels[0].model_dump(), "pitch_wavelengths": 1e308}]},
+        "pitch_wavelengths",
+    ),
+    (
+        {"irs_panels": [{**PAPER.irs_panels[0].model_dump(), "pitch_wavelengths": 1e-320}]},
+        "pitch_wavelengths",
+    ),
     ({"irs_panels": [{**PAPER.irs_panels[0].model_dump(), "columns": 10**30}]}, "columns"),
     (
         {"irs_panels": [{**PAPER.irs_panels[0].model_dump(), "columns": 10**9, "rows": 10**9}]},
@@ -185,8 +216,14 @@ SCENES = [
     (coefficients(intercept_db=1e308), "intercept_db"),
     (coefficients(distance_slope_db=-1e9), "distance_slope_db"),
     (coefficients(intercept_db=-900.0), r"irs_panels\[0\].position=.* path_loss there is -8.* dB"),
-    ({"access_points": [{"position": (0, -10 + 1e-12, 2)}]}, r"irs_panels\[0\].position=.* coincides"),
-    ({"access_points": [{"position": (0, -10 + 1e-6, 2)}]}, r"irs_panels\[0\].position=.* is 1e-06 m from an access"),
+    (
+        {"access_points": [{"position": (0, -10 + 1e-12, 2)}]},
+        r"irs_panels\[0\].position=.* coincides",
+    ),
+    (
+        {"access_points": [{"position": (0, -10 + 1e-6, 2)}]},
+        r"irs_panels\[0\].position=.* is 1e-06 m from an access",
+    ),
     ({"obstacles": [PAPER.obstacles[0].model_dump()] * 10_001}, "obstacles"),
 ]
 
@@ -200,13 +237,17 @@ def test_what_no_factory_has_is_refused_by_name(parts, message):
 def test_a_gain_that_underflows_is_said_and_not_shown_as_an_obstacle():
     absurd = coefficients(intercept_db=1000.0, distance_slope_db=1000.0, frequency_slope_db=1000.0)
     scene = changed(**absurd, irs_panels=[], carrier_ghz=1e6)
-    with pytest.raises(ValueError, match=r"the expected gain in the free cell \(0, 0\) underflows to 0: path_loss"):
+    with pytest.raises(
+        ValueError, match=r"the expected gain in the free cell \(0, 0\) underflows to 0: path_loss"
+    ):
         build_radio_map(scene, 1.0)
 
 
 def test_an_antenna_so_near_that_path_loss_were_a_gain_is_refused():
     near = changed(access_points=[{"position": (1.5, 9.5, 1 + 1e-9)}])
-    with pytest.raises(ValueError, match=r"path_loss is -1.* dB at 1e-09 m from an antenna at \(1.5, 9.5,"):
+    with pytest.raises(
+        ValueError, match=r"path_loss is -1.* dB at 1e-09 m from an antenna at \(1.5, 9.5,"
+    ):
         build_radio_map(near, 1.0)
 
 
@@ -214,7 +255,9 @@ def test_a_file_of_many_mistakes_is_told_in_a_line_of_bounded_length(tmp_path):
     boxes = ",".join(['{"center": "' + "x" * 5000 + '"}'] * 500)
     text = PAPER.model_dump_json().replace('"obstacles":[', f'"obstacles":[{boxes},')
     (tmp_path / "scene.json").write_text(text)
-    with pytest.raises(ValueError, match=r"obstacles\[0\]\.center.*and \d+ more mistakes$") as raised:
+    with pytest.raises(
+        ValueError, match=r"obstacles\[0\]\.center.*and \d+ more mistakes$"
+    ) as raised:
         load_scene(tmp_path / "scene.json")
     assert len(str(raised.value)) < 5000
 
@@ -249,11 +292,12 @@ def test_a_difficulty_that_no_factory_meets_ends(monkeypatch):
     monkeypatch.setattr("irs_gym.datasets.generator.FACTORIES", 3)
     with pytest.raises(ValueError, match=r"difficulty=.* none of 3 factories"):
         generate_scene(
-            np.random.default_rng(0), Difficulty(sides=(4.0, 4.0), boxes=(0, 0), detour=1.5, detour_share=1.0)
+            np.random.default_rng(0),
+            Difficulty(sides=(4.0, 4.0), boxes=(0, 0), detour=1.5, detour_share=1.0),
         )
 
 
-# --- environments -------------------------------------------------------------------------------------------------
+# --- environments ---------------------------------------------------------------------------------
 
 ARGUMENTS = [
     *(("target_db", value) for value in (NAN, INF, "a", True, 1e300, 10**400)),
@@ -261,7 +305,11 @@ ARGUMENTS = [
     *(("patch_radius", value) for value in (-1, 101, 1.5, True, "1")),
     *(("irs_elements", value) for value in (-200, 1.0, True, "1200", [1200], 10**30)),
     *(("phase_bits", value) for value in (0, 17, 1.0, True, [1])),
-    *((name, value) for name in ("observation", "constraint", "quantiser") for value in ("x", None, [], 0)),
+    *(
+        (name, value)
+        for name in ("observation", "constraint", "quantiser")
+        for value in ("x", None, [], 0)
+    ),
     *((name, value) for name in ("irs_phases", "shaping") for value in ("True", 1, None, 0.5)),
     *(("random_start", value) for value in (-0.1, 1.1, NAN, "a", None)),
     *(("render_mode", value) for value in ("video", 1, [], True)),
@@ -277,7 +325,8 @@ def test_an_argument_out_of_its_range_is_refused_by_name(name, value):
 
 @pytest.mark.parametrize("kind", [IrsNavRandomEnv, IrsNavRandomVectorEnv])
 @pytest.mark.parametrize(
-    "arguments", [{"split": []}, {"split": 3}, {"num_scenes": []}, {"num_scenes": True}, {"scenes": 3}]
+    "arguments",
+    [{"split": []}, {"split": 3}, {"num_scenes": []}, {"num_scenes": True}, {"scenes": 3}],
 )
 def test_scenes_to_draw_from_are_named_where_there_are_none(kind, arguments):
     (name,) = arguments
@@ -317,7 +366,7 @@ for work in (
     subprocess.run([sys.executable, "-O", "-c", program], check=True, cwd=Path(__file__).parents[1])
 
 
-# --- what is shared -----------------------------------------------------------------------------------------------
+# --- what is shared -------------------------------------------------------------------------------
 
 
 def arrays_of(thing, seen) -> list[np.ndarray]:
@@ -341,18 +390,27 @@ def test_arrays_that_environments_share_are_read_only():
     random = IrsNavRandomVectorEnv(2, num_scenes=2, split="val")
     random.reset(seed=0)
     base = env.unwrapped
-    shared = [base.world, base._episode.tables, base.oracle, base.radio_map, envs.world, random.worlds]
+    shared = [
+        base.world,
+        base._episode.tables,
+        base.oracle,
+        base.radio_map,
+        envs.world,
+        random.worlds,
+    ]
     shared += [envs._fleet._dispatcher.ground, random._fleet._dispatcher.ground]
     found = arrays_of(shared, set())
     assert len(found) >= 35
     assert not any(each.flags.writeable for each in found)
 
 
-# --- cells without a signal ---------------------------------------------------------------------------------------
+# --- cells without a signal -----------------------------------------------------------------------
 
 
 def silent() -> RadioMap:
-    """A corridor of 5 cells of which the middle one is free and receives nothing, between two walls."""
+    """A corridor of 5 cells of which the middle one is free and receives nothing, between two
+    walls.
+    """
     gain_db = np.full((5, 3), -np.inf)
     gain_db[:, 1] = [-60, -61, -np.inf, -61, -60]
     free = np.zeros((5, 3), bool)
@@ -377,11 +435,15 @@ def test_a_free_cell_that_receives_nothing_can_be_crossed_at_a_cost():
 
 
 def test_it_is_drawn_as_below_the_target_and_not_as_an_obstacle():
-    env = IrsNavEnv(radio_map=silent(), start=(0, 1), goal=(1, 1), target_db=-70.0, render_mode="ansi")
+    env = IrsNavEnv(
+        radio_map=silent(), start=(0, 1), goal=(1, 1), target_db=-70.0, render_mode="ansi"
+    )
     env.reset(seed=0)
     row = next(line for line in env.render().splitlines() if "~" in line)
     assert row.count("~") == 1
-    picture = IrsNavEnv(radio_map=silent(), start=(0, 1), goal=(1, 1), target_db=-70.0, render_mode="rgb_array")
+    picture = IrsNavEnv(
+        radio_map=silent(), start=(0, 1), goal=(1, 1), target_db=-70.0, render_mode="rgb_array"
+    )
     picture.reset(seed=0)
     assert picture.render().dtype == np.uint8
 
@@ -416,5 +478,11 @@ def test_a_map_that_tells_free_cells_is_another_problem():
 
 def test_the_public_names_are_all_tried_here():
     source = Path(__file__).read_text() + Path(__file__).with_name("test_archives.py").read_text()
-    untried = {"Path", "Scene", "TradeOff", "__version__", "from_sionna"}  # results, data; test_sionna.py
+    untried = {
+        "Path",
+        "Scene",
+        "TradeOff",
+        "__version__",
+        "from_sionna",
+    }  # results, data; test_sionna.py
     assert all(name in source for name in {*irs_gym.__all__} - untried)

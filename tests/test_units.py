@@ -8,7 +8,9 @@ import pytest
 from irs_gym.units import SPEED_OF_LIGHT, db_to_linear, linear_to_db, wavelength_m
 
 
-@pytest.mark.parametrize(("value_db", "ratio"), [(0.0, 1.0), (10.0, 10.0), (-30.0, 1e-3), (-math.inf, 0.0)])
+@pytest.mark.parametrize(
+    ("value_db", "ratio"), [(0.0, 1.0), (10.0, 10.0), (-30.0, 1e-3), (-math.inf, 0.0)]
+)
 def test_decibels_are_ten_times_the_logarithm_of_a_power_ratio(value_db, ratio):
     assert db_to_linear(value_db) == pytest.approx(ratio, rel=1e-15)
     assert linear_to_db(ratio) == pytest.approx(value_db, rel=1e-15)

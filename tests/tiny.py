@@ -1,4 +1,6 @@
-"""What tests of training share: its command line in this process, and settings small enough to train in a second."""
+"""What tests of training share: its command line in this process, and settings small enough to
+train in a second.
+"""
 
 import csv
 import sys
@@ -23,7 +25,13 @@ TINY: dict[str, list[str]] = {
         *_RUN,
         *split("--agent.n-envs 4"),
         *([] if algorithm == "q_learning" else _NETWORK),
-        *(_ON_POLICY if algorithm.endswith("ppo") else _OFF_POLICY if algorithm.endswith("dqn") else []),
+        *(
+            _ON_POLICY
+            if algorithm.endswith("ppo")
+            else _OFF_POLICY
+            if algorithm.endswith("dqn")
+            else []
+        ),
     ]
     for algorithm in ALGORITHMS
 }
@@ -42,7 +50,10 @@ def call(words: list[object]) -> int:
 def curve(folder: Path) -> list[dict[str, str]]:
     """Learning curve of a run without the seconds, which are never the same."""
     with (folder / "learning_curve.csv").open() as file:
-        return [{name: value for name, value in row.items() if name != "seconds"} for row in csv.DictReader(file)]
+        return [
+            {name: value for name, value in row.items() if name != "seconds"}
+            for row in csv.DictReader(file)
+        ]
 
 
 def open_floor(folder: Path) -> list[str]:

@@ -6,8 +6,12 @@ from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.oracle.shortest_path import distance_to_go
 
 
-def tiny_pool(scenes: int = 6, shape: tuple[int, int] = (9, 7), seed: int = 0, blocked: float = 0.3) -> SceneSet:
-    """Maps in dB, a share of whose cells is blocked or below the target, with a start that reaches the goal."""
+def tiny_pool(
+    scenes: int = 6, shape: tuple[int, int] = (9, 7), seed: int = 0, blocked: float = 0.3
+) -> SceneSet:
+    """Maps in dB, a share of whose cells is blocked or below the target, with a start that reaches
+    the goal.
+    """
     rng = np.random.default_rng(seed)
     gain_db = rng.normal(-60.0, 1.0, (scenes, *shape))
     target_db = np.quantile(gain_db.reshape(scenes, -1), blocked / 2, axis=1)

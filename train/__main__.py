@@ -1,4 +1,6 @@
-"""`python -m train ALGORITHM` trains an agent and writes a run folder; `python -m train sweep FILE` trains many."""
+"""`python -m train ALGORITHM` trains an agent and writes a run folder; `python -m train sweep FILE`
+trains many.
+"""
 
 import sys
 from collections.abc import Sequence
@@ -6,11 +8,14 @@ from functools import partial
 
 from agents.runs.interruption import ALL, exit_at_once, interruptible
 
-# All else is imported in functions: a Ctrl-C meanwhile ends in one line, and help need not wait for PyTorch.
+# All else is imported in functions: a Ctrl-C meanwhile ends in one line, and help need not wait for
+# PyTorch.
 
 
 def main() -> int:
-    """Train the algorithm named first; its settings make the rest of the command line. Returns the exit status."""
+    """Train the algorithm named first; its settings make the rest of the command line. Returns the
+    exit status.
+    """
     from agents.registry import ALGORITHMS, GENERALISTS
 
     name, *arguments = sys.argv[1:] or ["--help"]

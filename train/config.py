@@ -1,4 +1,6 @@
-"""`TrainConfig` and `GeneralistConfig`: settings of a run, the command line made from them, and those of an old run."""
+"""`TrainConfig` and `GeneralistConfig`: settings of a run, the command line made from them, and
+those of an old run.
+"""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -48,11 +50,12 @@ class RunConfig:
     out: Path | None = None
     """Run folder; None for a new one under runs/, named by algorithm, seed and time."""
     resume: Path | None = None
-    """Run folder to go on with, from its last checkpoint. Its own settings hold; none but progress and trust may be
-    given."""
+    """Run folder to go on with, from its last checkpoint. Its own settings hold; none but progress
+    and trust may be given."""
     trust: bool = False
-    """Whether to resume a run folder that you have not made on this machine. That runs code which is stored in its
-    checkpoint, with all your rights: only say so where you trust whoever made it."""
+    """Whether to resume a run folder that you have not made on this machine. That runs code which
+    is stored in its checkpoint, with all your rights: only say so where you trust whoever made
+    it."""
     overwrite: bool = False
     """Whether an old run in that folder is replaced."""
     seed: int = 0
@@ -60,7 +63,8 @@ class RunConfig:
     eval_every: int = 8192
     """Least number of steps between two tests."""
     checkpoint_every: int = 50_000
-    """Least number of steps between two checkpoints: the most that is lost when the run is killed."""
+    """Least number of steps between two checkpoints: the most that is lost when the run is killed.
+    """
     tensorboard: bool = False
     """Whether to log for TensorBoard, into the run folder."""
     threads: int = 1
@@ -78,24 +82,32 @@ class RunConfig:
 class TrainConfig(RunConfig):
     """Train an agent, and keep what it becomes in a run folder.
 
-    The agent is tested from the fixed start again and again; its best state is kept. Ctrl-C ends the run in good order.
-    A run that was ended so, or killed, goes on with --resume.
+    The agent is tested from the fixed start again and again; its best state is kept. Ctrl-C ends
+    the run in good order. A run that was ended so, or killed, goes on with --resume.
     """
 
     agent: AgentConfig
     env: Task
     """What is trained on; tests differ from it by the fixed start alone."""
     stop_at_optimum: bool = True
-    """Whether to stop once the oracle's distance is reached and held; the agent itself never sees the oracle."""
+    """Whether to stop once the oracle's distance is reached and held; the agent itself never sees
+    the oracle.
+    """
     hold: int = 3
     """Tests in a row that must reach the oracle's distance before the run stops."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_settings(self, "whole", "hold")
-        if isinstance(self.agent, DqnConfig) and self.agent.n_steps > 1 and self.env.observation in ("dict", "masked"):
+        if (
+            isinstance(self.agent, DqnConfig)
+            and self.agent.n_steps > 1
+            and self.env.observation in ("dict", "masked")
+        ):
             seen = self.env.observation
-            raise ValueError(f"n_steps={self.agent.n_steps} needs observation='flat' or 'map'; {seen!r} allows only 1")
+            raise ValueError(
+                f"n_steps={self.agent.n_steps} needs observation='flat' or 'map'; {seen!r} allows only 1"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,25 +128,30 @@ class Scenes:
         for split, number in (("split", "num_scenes"), ("test_split", "test_scenes")):
             size = split_of(getattr(self, split)).size
             if getattr(self, number) > size:
-                raise ValueError(f"{number}={getattr(self, number)}: there are {size} in {getattr(self, split)!r}")
+                raise ValueError(
+                    f"{number}={getattr(self, number)}: there are {size} in {getattr(self, split)!r}"
+                )
 
 
 @dataclass(frozen=True, kw_only=True)
 class GeneralistConfig(RunConfig):
     """Train an agent on many scenes, and keep what it becomes in a run folder.
 
-    The agent is tested again and again on scenes that it does not learn on; its best state is that of the greatest mean
-    SPL. Steps are those of PPO's robots; in imitation, scenes seen. Ctrl-C ends the run in good order. A run that was
-    ended so, or killed, goes on with --resume.
+    The agent is tested again and again on scenes that it does not learn on; its best state is that
+    of the greatest mean SPL. Steps are those of PPO's robots; in imitation, scenes seen. Ctrl-C
+    ends the run in good order. A run that was ended so, or killed, goes on with --resume.
     """
 
     agent: MapAgentConfig | Sb3PpoConfig
     env: Scenes = Scenes()
 
 
-# Where paths differ by 2 % only, an agent finds the best one much more surely with starts in many places.
+# Where paths differ by 2 % only, an agent finds the best one much more surely with starts in many
+# places.
 DEFAULTS: dict[Algorithm, TrainConfig] = {
-    agent.algorithm: TrainConfig(agent=agent, env=Task(observation="flat", random_start=random_start))
+    agent.algorithm: TrainConfig(
+        agent=agent, env=Task(observation="flat", random_start=random_start)
+    )
     for agent, random_start in (
         (PpoConfig(), 0.7),
         (MaskablePpoConfig(), 0.7),
@@ -160,7 +177,13 @@ GENERALIST_DEFAULTS: dict[Generalist, GeneralistConfig] = {
     )
 }
 
-_OF_THE_CALL = ("out", "resume", "trust", "overwrite", "progress")  # not of the run, whose result they do not touch
+_OF_THE_CALL = (
+    "out",
+    "resume",
+    "trust",
+    "overwrite",
+    "progress",
+)  # not of the run, whose result they do not touch
 
 
 def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig | None:
@@ -170,7 +193,9 @@ def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig | None:
 
 
 def record_of(config: TrainConfig | GeneralistConfig) -> Config:
-    """What a run folder keeps of the settings; what the environment leaves to its scene is written out."""
+    """What a run folder keeps of the settings; what the environment leaves to its scene is written
+    out.
+    """
     own, env = ("agent", "env", "seed", *_OF_THE_CALL), config.env
     if isinstance(env, Task):
         whole = resolved(env)
@@ -191,7 +216,9 @@ def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
     try:
         agent = TypeAdapter(type(default.agent)).validate_python(record.agent)
         env = TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task
-        return type(default)(agent=agent, env=env, seed=record.seed, resume=run.folder, **record.training)
+        return type(default)(
+            agent=agent, env=env, seed=record.seed, resume=run.folder, **record.training
+        )
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
@@ -200,7 +227,9 @@ def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
         raise RunError(f"{str(run.folder / 'config.json')!r}: {error}") from None
 
 
-def parse(algorithm: Algorithm | Generalist, arguments: Sequence[str]) -> TrainConfig | GeneralistConfig:
+def parse(
+    algorithm: Algorithm | Generalist, arguments: Sequence[str]
+) -> TrainConfig | GeneralistConfig:
     """Settings from a command line; ends the program with a message where it is wrong."""
     default = defaults_of(algorithm)
     return tyro.cli(

@@ -16,13 +16,16 @@ _STATE = ("rows", "best", "latest", "held", "_last")
 
 
 class Evaluation(BaseCallback):
-    """Plays the greedy policy from the fixed start at the beginning of rollouts, `every` steps or more apart.
+    """Plays the greedy policy from the fixed start at the beginning of rollouts, `every` steps or
+    more apart.
 
-    The best state is that of the shortest successful path, the first of equals. The oracle's distance decides on
-    stopping alone. An interrupted training ends at the beginning of a rollout.
+    The best state is that of the shortest successful path, the first of equals. The oracle's
+    distance decides on stopping alone. An interrupted training ends at the beginning of a rollout.
     """
 
-    def __init__(self, run: Run, env: gymnasium.Env[Any, Any], every: int, hold: int | None) -> None:
+    def __init__(
+        self, run: Run, env: gymnasium.Env[Any, Any], every: int, hold: int | None
+    ) -> None:
         super().__init__()
         self.run, self.env, self.every, self.hold = run, env, every, hold
         self.rows: list[dict[str, Any]] = []
@@ -130,7 +133,9 @@ class Progress(BaseCallback):
     """A progress bar in steps, however many are taken at a time."""
 
     def _on_training_start(self) -> None:
-        self._bar = tqdm(total=self.locals["total_timesteps"], initial=self.num_timesteps, unit=" steps")
+        self._bar = tqdm(
+            total=self.locals["total_timesteps"], initial=self.num_timesteps, unit=" steps"
+        )
 
     def _on_step(self) -> bool:
         self._bar.update(self.num_timesteps - self._bar.n)

@@ -1,4 +1,6 @@
-"""`Generalisation`: tests a generalist on scenes that it does not learn on, and keeps its best state."""
+"""`Generalisation`: tests a generalist on scenes that it does not learn on, and keeps its best
+state.
+"""
 
 from agents.rollout.scene_set import SceneSetResults, play_scene_set
 from agents.runs.run_folder import Run
@@ -8,7 +10,9 @@ from train.evaluation import Evaluation
 
 
 class Generalisation(Evaluation):
-    """Plays the greedy policy from the start of each scene of a pool; the best state has the greatest mean SPL."""
+    """Plays the greedy policy from the start of each scene of a pool; the best state has the
+    greatest mean SPL.
+    """
 
     latest: SceneSetResults | None  # type: ignore[assignment]
     best: SceneSetResults | None  # type: ignore[assignment]
@@ -27,12 +31,21 @@ class Generalisation(Evaluation):
 
     def _test(self) -> None:
         self.latest = episodes = play_scene_set(self.model.policy, self.pool, self.observation)
-        row = {"success": episodes.is_success.mean(), "spl": episodes.spl.mean(), "ratio": episodes.ratio}
-        is_best = self.best is None or row["spl"] >= self.best.spl.mean()  # of equals, the one that learned longest
+        row = {
+            "success": episodes.is_success.mean(),
+            "spl": episodes.spl.mean(),
+            "ratio": episodes.ratio,
+        }
+        is_best = (
+            self.best is None or row["spl"] >= self.best.spl.mean()
+        )  # of equals, the one that learned longest
         self._note(row, ("success", "spl"), is_best=is_best)
 
     def save(self, name: str) -> None:
         """Write the model, with the result of its latest test, to the run folder."""
         assert self.latest is not None
-        result = {"success": float(self.latest.is_success.mean()), "spl": float(self.latest.spl.mean())}
+        result = {
+            "success": float(self.latest.is_success.mean()),
+            "spl": float(self.latest.spl.mean()),
+        }
         self.run.save_model(name, self.model, self.num_timesteps, **result)

@@ -31,7 +31,8 @@ class _Table(BaseModel):
 
 
 class Setting(_Table):
-    """What is changed from the defaults of ``python -m train``, under the names of its command line.
+    """What is changed from the defaults of ``python -m train``, under the names of its command
+    line.
 
     In ``agent.weights``, ``{seed}`` stands for the seed of the run.
     """
@@ -72,7 +73,9 @@ class Plan(_Table):
             raise PlanError(f"{file}: {error}") from None
         runs = plan.seeds * sum(1 for _ in plan.cells())
         if runs > MOST_RUNS:
-            raise PlanError(f"{file}: seeds={plan.seeds} make {runs:,} runs, and a sweep has at most {MOST_RUNS:,}")
+            raise PlanError(
+                f"{file}: seeds={plan.seeds} make {runs:,} runs, and a sweep has at most {MOST_RUNS:,}"
+            )
         return plan
 
     def cells(self) -> Iterator[tuple[str, Trainable]]:
@@ -123,7 +126,9 @@ class Plan(_Table):
                 continue
             run = Run.open(config.out)
             if not _is_same(run.config, record_of(config)):
-                raise PlanError(f"{str(config.out)!r} holds a run with other settings: name another folder as out")
+                raise PlanError(
+                    f"{str(config.out)!r} holds a run with other settings: name another folder as out"
+                )
             if not trust and run.manifest.status not in ENDED:
                 run.own_manifest()
 
@@ -135,12 +140,20 @@ class Plan(_Table):
         except (TypeError, ValueError) as error:
             raise PlanError(f"{where}.env: {error}") from None
         agent = _changed(default.agent, setting.agent, f"{where}.agent ({algorithm})")
-        return _changed(replace(default, agent=agent, env=env, progress=False), setting.training, f"{where}.training")
+        return _changed(
+            replace(default, agent=agent, env=env, progress=False),
+            setting.training,
+            f"{where}.training",
+        )
 
 
 def _env_of(default: Task | Scenes, changes: Mapping[str, Any]) -> Task | Scenes:
     arguments = {**arguments_of(default), **changes}
-    return task_of(arguments) if isinstance(default, Task) else Scenes(**checked_fields(Scenes, arguments, "Scenes"))
+    return (
+        task_of(arguments)
+        if isinstance(default, Task)
+        else Scenes(**checked_fields(Scenes, arguments, "Scenes"))
+    )
 
 
 def _seeded(config: TrainConfig | GeneralistConfig, seed: int) -> TrainConfig | GeneralistConfig:
@@ -153,7 +166,9 @@ def _seeded(config: TrainConfig | GeneralistConfig, seed: int) -> TrainConfig | 
 
 
 def _is_same(old: Config, new: Config) -> bool:
-    """Whether two runs have the same settings, as JSON keeps them; a file of the user's own counts as the same."""
+    """Whether two runs have the same settings, as JSON keeps them; a file of the user's own counts
+    as the same.
+    """
     old_json, new_json = old.model_dump(mode="json"), new.model_dump(mode="json")
     for name, copy in COPIES.items():
         if old.env.get(name) == copy:
@@ -168,7 +183,9 @@ def _changed(settings: _Settings, changes: Mapping[str, Any], where: str) -> _Se
     known = [each.name for each in fields(settings)]
     unknown = [name for name in changes if name not in known]
     if unknown:
-        raise PlanError(f"{where}: unknown name {', '.join(unknown)}: the names are {', '.join(known)}")
+        raise PlanError(
+            f"{where}: unknown name {', '.join(unknown)}: the names are {', '.join(known)}"
+        )
     try:
         return replace(settings, **changes)
     except (TypeError, ValueError) as error:

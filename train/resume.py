@@ -1,4 +1,6 @@
-"""`Checkpoints`: writes the whole state of a training again and again; `restore` goes back to the last such state."""
+"""`Checkpoints`: writes the whole state of a training again and again; `restore` goes back to the
+last such state.
+"""
 
 import pickle
 import random
@@ -24,10 +26,11 @@ class CannotResumeError(RunError):
 
 
 class Checkpoints(BaseCallback):
-    """Writes a checkpoint at the beginning of rollouts, `every` steps or more apart, and when Ctrl-C ends the training.
+    """Writes a checkpoint at the beginning of rollouts, `every` steps or more apart, and when
+    Ctrl-C ends the training.
 
-    There the model, with its optimiser, replay buffer and environment, and the state of all random numbers are all
-    that the rest of the training depends on.
+    There the model, with its optimiser, replay buffer and environment, and the state of all random
+    numbers are all that the rest of the training depends on.
     """
 
     def __init__(self, evaluation: Evaluation, every: int) -> None:
@@ -39,7 +42,9 @@ class Checkpoints(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         if self.num_timesteps - self._last >= self.every or self.evaluation.is_interrupted:
-            self.evaluation.run.save_checkpoint(_capture(self.model, self.evaluation), self.num_timesteps)
+            self.evaluation.run.save_checkpoint(
+                _capture(self.model, self.evaluation), self.num_timesteps
+            )
             self._last = self.num_timesteps
 
     def _on_step(self) -> bool:
@@ -52,12 +57,19 @@ def check(run: Run, *, trust: bool = False) -> None:
     Raises
     ------
     RunError
-        Where the run has ended, was begun with other packages, or is not this user's own and not to be trusted either.
+        Where the run has ended, was begun with other packages, or is not this user's own and not to
+        be trusted either.
     """
     manifest, here = run.manifest, provenance.versions()
     if manifest.status in ENDED:
-        raise RunError(f"{str(run.folder)!r} has ended ({manifest.status}): there is nothing to resume")
-    others = [f"{name} {old}, not {here.get(name)}" for name, old in manifest.versions.items() if here.get(name) != old]
+        raise RunError(
+            f"{str(run.folder)!r} has ended ({manifest.status}): there is nothing to resume"
+        )
+    others = [
+        f"{name} {old}, not {here.get(name)}"
+        for name, old in manifest.versions.items()
+        if here.get(name) != old
+    ]
     if others:
         raise CannotResumeError(
             f"{str(run.folder)!r} can be resumed only with the packages that began it: {'; '.join(others)}"
@@ -67,10 +79,12 @@ def check(run: Run, *, trust: bool = False) -> None:
 
 
 def restore(run: Run, evaluation: Evaluation, *, trust: bool = False) -> Any:
-    """The model as its last whole checkpoint holds it, with random numbers, folder and evaluation set back to then.
+    """The model as its last whole checkpoint holds it, with random numbers, folder and evaluation
+    set back to then.
 
-    Returns None where no checkpoint was written yet, so that the training begins anew. Nothing is unpickled unless
-    its SHA-256 stands in a manifest that this user has signed, or ``trust``s and so signs now.
+    Returns None where no checkpoint was written yet, so that the training begins anew. Nothing is
+    unpickled unless its SHA-256 stands in a manifest that this user has signed, or ``trust``s and
+    so signs now.
 
     Raises
     ------
@@ -82,7 +96,10 @@ def restore(run: Run, evaluation: Evaluation, *, trust: bool = False) -> Any:
     manifest = run.adopt() if trust else run.own_manifest()
     entries = manifest.checkpoints
     if not entries:
-        print(f"{run.folder}: no checkpoint was written yet: the training begins anew", file=sys.stderr)
+        print(
+            f"{run.folder}: no checkpoint was written yet: the training begins anew",
+            file=sys.stderr,
+        )
         run.remove_drafts()
         run.update(status="running", error=None, models={})
         return None
@@ -102,7 +119,9 @@ def _newest(run: Run, entries: tuple[FileEntry, ...]) -> tuple[FileEntry, bytes]
             return entry, run.read(entry)
         except RunError as error:
             print(f"{error}: the checkpoint before it is used, if it is whole", file=sys.stderr)
-    raise CannotResumeError(f"{str(run.folder)!r} holds no whole checkpoint: train anew with --overwrite")
+    raise CannotResumeError(
+        f"{str(run.folder)!r} holds no whole checkpoint: train anew with --overwrite"
+    )
 
 
 def _capture(model: Any, evaluation: Evaluation) -> bytes:

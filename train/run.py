@@ -33,8 +33,8 @@ def check(config: TrainConfig | GeneralistConfig) -> None:
     OSError
         Where a scene, map or network file cannot be read.
     ValueError
-        Where the environment cannot be made, an infeasible target included, or the run folder is taken; where a run
-        cannot be resumed.
+        Where the environment cannot be made, an infeasible target included, or the run folder is
+        taken; where a run cannot be resumed.
     """
     if config.resume is not None:
         _check_resumed(config, Run.open(config.resume))
@@ -72,7 +72,10 @@ def train_locked(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation
     if config.resume is None:
         run.begin(record_of(config), overwrite=config.overwrite)
         if run.manifest.signature is None:
-            print(f"{run.folder}: no key of yours can be kept, so resuming it will ask for --trust", file=sys.stderr)
+            print(
+                f"{run.folder}: no key of yours can be kept, so resuming it will ask for --trust",
+                file=sys.stderr,
+            )
     else:
         run = Run.open(run.folder)
         config = replace(settings_of(run), progress=config.progress, trust=config.trust)
@@ -104,7 +107,9 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
         model = config.agent.build(_material(config), config.seed)
     elif isinstance(config.agent, MapAgentConfig):
         model.pool = _material(config)
-    outputs = [TensorBoardOutputFormat(str(run.folder / "tensorboard"))] if config.tensorboard else []
+    outputs = (
+        [TensorBoardOutputFormat(str(run.folder / "tensorboard"))] if config.tensorboard else []
+    )
     model.set_logger(Logger(folder=None, output_formats=outputs))
 
     callbacks = [evaluation, resume.Checkpoints(evaluation, config.checkpoint_every)]
@@ -113,7 +118,9 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
         steps = config.agent.total_timesteps - model.num_timesteps
         model.learn(steps, CallbackList(callbacks), reset_num_timesteps=is_new)
     evaluation.save("last")
-    run.update(status=evaluation.status, **({} if evaluation.is_interrupted else {"checkpoints": ()}))
+    run.update(
+        status=evaluation.status, **({} if evaluation.is_interrupted else {"checkpoints": ()})
+    )
     if not isinstance(config.agent, MapAgentConfig):
         model.get_env().close()
     return evaluation
@@ -151,16 +158,24 @@ def _pool(config: GeneralistConfig, split: str, scenes: int) -> pools.SceneSet:
 def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:
     algorithm = config.agent.algorithm
     if run.config.algorithm != algorithm:
-        raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, not of {algorithm}")
-    own = replace(defaults_of(algorithm), resume=config.resume, trust=config.trust, progress=config.progress)
+        raise RunError(
+            f"{str(run.folder)!r} is a run of {run.config.algorithm}, not of {algorithm}"
+        )
+    own = replace(
+        defaults_of(algorithm), resume=config.resume, trust=config.trust, progress=config.progress
+    )
     if config != own:
-        raise ValueError("--resume goes on with the run's own settings: give none beside it but --no-progress, --trust")
+        raise ValueError(
+            "--resume goes on with the run's own settings: give none beside it but --no-progress, --trust"
+        )
     settings_of(run)
     resume.check(run, trust=config.trust)
 
 
 def _lock_new(config: TrainConfig | GeneralistConfig, locks: ExitStack) -> Run:
-    """A new folder under runs/, named by algorithm, seed and time, and locked; a number follows where that is taken."""
+    """A new folder under runs/, named by algorithm, seed and time, and locked; a number follows
+    where that is taken.
+    """
     name = f"{config.agent.algorithm}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"
     number = 1
     while True:

@@ -1,4 +1,6 @@
-"""`python -m train sweep FILE`: the runs of a sweep file, in parallel on Ray; started again, it goes on."""
+"""`python -m train sweep FILE`: the runs of a sweep file, in parallel on Ray; started again, it
+goes on.
+"""
 
 import os
 import re
@@ -29,14 +31,17 @@ from train.plan import Plan
 from train.run import train_locked
 
 
-def main(file: Positional[Path], jobs: int | None = None, retries: int = 1, trust: bool = False) -> int:
+def main(
+    file: Positional[Path], jobs: int | None = None, retries: int = 1, trust: bool = False
+) -> int:
     """Train every algorithm in every setting with every seed that a sweep file names.
 
-    On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this checkout, the runs
-    and, where IRS_GYM_KEY names one, a key file under the same paths. Started again, it leaves runs that have
-    ended as they are, goes on with those that were interrupted, and tries those that have failed once more. Runs that
-    another process is training are left to it.
-    Ctrl-C, SIGTERM and SIGHUP let the runs in hand write a checkpoint and end; a second time, all ends at once.
+    On this machine, or on the Ray cluster at RAY_ADDRESS, whose machines must all see this
+    checkout, the runs and, where IRS_GYM_KEY names one, a key file under the same paths. Started
+    again, it leaves runs that have ended as they are, goes on with those that were interrupted, and
+    tries those that have failed once more. Runs that another process is training are left to it.
+    Ctrl-C, SIGTERM and SIGHUP let the runs in hand write a checkpoint and end; a second time, all
+    ends at once.
 
     Parameters
     ----------
@@ -47,12 +52,15 @@ def main(file: Positional[Path], jobs: int | None = None, retries: int = 1, trus
     retries
         How often a run that fails is tried again before it is kept as failed.
     trust
-        Whether to go on with runs that you have not made on this machine. That runs code which is stored in their
-        checkpoints, with all your rights: only say so where you trust whoever made them.
+        Whether to go on with runs that you have not made on this machine. That runs code which is
+        stored in their checkpoints, with all your rights: only say so where you trust whoever made
+        them.
     """
     try:
         if retries < 0 or (jobs is not None and jobs < 1):
-            raise ValueError(f"jobs={jobs} must be 1 or more, and retries={retries} must not be negative")
+            raise ValueError(
+                f"jobs={jobs} must be 1 or more, and retries={retries} must not be negative"
+            )
         plan = Plan.load(file)
         plan.check(trust=trust)
     except (OSError, ValueError) as error:
@@ -71,7 +79,9 @@ _DONE = ("ended", "exact")
 
 
 class Sweep:
-    """The runs of a plan and how they stand: waiting, running, ended, exact, failed, or elsewhere: another's."""
+    """The runs of a plan and how they stand: waiting, running, ended, exact, failed, or elsewhere:
+    another's.
+    """
 
     def __init__(self, plan: Plan, retries: int, trust: bool = False) -> None:
         self.plan, self.retries, self.trust = plan, retries, trust
@@ -127,17 +137,29 @@ class Sweep:
         """How many runs of each algorithm in each setting have ended, and found the optimum."""
         algorithms = list(dict.fromkeys(algorithm for _, algorithm in self.plan.cells()))
         cells = set(self.plan.cells())
-        rows = Table("setting", *(each.replace("_", " ") for each in algorithms), caption=self._caption())
+        rows = Table(
+            "setting", *(each.replace("_", " ") for each in algorithms), caption=self._caption()
+        )
         for name in self.plan.settings:
-            rows.add_row(name, *(self._cell(name, each) if (name, each) in cells else "" for each in algorithms))
+            rows.add_row(
+                name,
+                *(self._cell(name, each) if (name, each) in cells else "" for each in algorithms),
+            )
         return rows
 
     def _cell(self, setting: str, algorithm: str) -> str:
-        counts = Counter(self.states[self.plan.folder(setting, algorithm, n)] for n in range(self.plan.seeds))
+        counts = Counter(
+            self.states[self.plan.folder(setting, algorithm, n)] for n in range(self.plan.seeds)
+        )
         said = [f"{counts['exact'] + counts['ended']}/{self.plan.seeds}"]
         said += [] if algorithm in GENERALISTS else [f"{counts['exact']} exact"]
         return ", ".join(
-            said + [f"{counts[state]} {state}" for state in ("running", "failed", "elsewhere") if counts[state]]
+            said
+            + [
+                f"{counts[state]} {state}"
+                for state in ("running", "failed", "elsewhere")
+                if counts[state]
+            ]
         )
 
     def _caption(self) -> str:
@@ -188,7 +210,9 @@ class Sweep:
         except (OSError, ValueError) as trouble:
             return f"failed: {reason}; which cannot be written down: {trouble}", "failed"
 
-    def _keep_failed(self, config: TrainConfig | GeneralistConfig, error: Exception, reason: str) -> tuple[str, str]:
+    def _keep_failed(
+        self, config: TrainConfig | GeneralistConfig, error: Exception, reason: str
+    ) -> tuple[str, str]:
         run = Run(_folder(config))
         with run.locked():
             if not run.folder.exists():
@@ -201,9 +225,13 @@ class Sweep:
         return f"failed: {reason}; see {run.folder / 'traceback.txt'}", "failed"
 
 
-@ray.remote(num_cpus=1, max_calls=1, max_retries=0)  # a process for each run, so that none depends on another
+@ray.remote(
+    num_cpus=1, max_calls=1, max_retries=0
+)  # a process for each run, so that none depends on another
 def _train(config: TrainConfig | GeneralistConfig) -> str:
-    """Train a run, or go on with it; begins anew where it cannot go on. Returns its result in a line."""
+    """Train a run, or go on with it; begins anew where it cannot go on. Returns its result in a
+    line.
+    """
     run = Run(_folder(config))
     with run.locked():
         if run.folder.exists():
@@ -218,7 +246,9 @@ def _train(config: TrainConfig | GeneralistConfig) -> str:
 
 
 def _start_ray(jobs: int | None) -> int:
-    """Start Ray on this machine, or join the cluster at RAY_ADDRESS; returns how many runs to train at a time."""
+    """Start Ray on this machine, or join the cluster at RAY_ADDRESS; returns how many runs to train
+    at a time.
+    """
     address = os.environ.get("RAY_ADDRESS")
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
     if address:
@@ -228,7 +258,13 @@ def _start_ray(jobs: int | None) -> int:
         ray.init(address=address, runtime_env={"env_vars": shared}, **quiet)
     else:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        ray.init(address="local", num_cpus=jobs, include_dashboard=False, object_store_memory=10**8, **quiet)
+        ray.init(
+            address="local",
+            num_cpus=jobs,
+            include_dashboard=False,
+            object_store_memory=10**8,
+            **quiet,
+        )
     return jobs or int(ray.cluster_resources()["CPU"])
 
 
@@ -238,7 +274,9 @@ def _state(folder: Path) -> str:
     manifest = Run.open(folder).manifest
     if manifest.status not in resume.ENDED:
         return "failed" if manifest.status == "failed" else "waiting"
-    ratio = getattr(manifest.models.get("best"), "ratio", None)  # a generalist has none: nothing is exact everywhere
+    ratio = getattr(
+        manifest.models.get("best"), "ratio", None
+    )  # a generalist has none: nothing is exact everywhere
     return "exact" if ratio is not None and ratio <= 1.0 + TOLERANCE else "ended"
 
 

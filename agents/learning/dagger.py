@@ -1,6 +1,8 @@
-"""`Dagger`: an explorer learns on its own ways through unknown factories what the oracle would do there.
+"""`Dagger`: an explorer learns on its own ways through unknown factories what the oracle would do
+there.
 
-States are those that its own policy comes to, labels are what each move would really cost (DAgger, Ross et al. 2011).
+States are those that its own policy comes to, labels are what each move would really cost (DAgger,
+Ross et al. 2011).
 """
 
 import numpy as np
@@ -21,12 +23,15 @@ _LONGEST = 10.0  # cells: a longer detour counts as much as this, and so does a 
 class Dagger:
     """Robots on their ways through scenes of a pool, and what is learned from them.
 
-    At each update the network plans for what each robot has seen. The loss is the mean detour, in cells, of the moves
-    that it would draw in the cells that the robot knows, were the rest of the map as it really is; beside that, the
-    network learns which unknown cells are feasible. Then the robots follow their plans for some steps.
+    At each update the network plans for what each robot has seen. The loss is the mean detour, in
+    cells, of the moves that it would draw in the cells that the robot knows, were the rest of the
+    map as it really is; beside that, the network learns which unknown cells are feasible. Then the
+    robots follow their plans for some steps.
     """
 
-    def __init__(self, config: ExplorerConfig, network: nn.Module, rng: np.random.Generator) -> None:
+    def __init__(
+        self, config: ExplorerConfig, network: nn.Module, rng: np.random.Generator
+    ) -> None:
         self.config, self.network, self._rng = config, network, rng
         self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
         self._expedition: RobotBatch | None = None
@@ -43,7 +48,9 @@ class Dagger:
         detour = self._detour(pool, robots.scenes, margin, guess.plan.logits)
         unknown = margin.isnan()
         is_feasible = torch.from_numpy(pool.feasible[robots.scenes]).to(margin)[unknown]
-        errors = binary_cross_entropy_with_logits(guess.feasible[unknown], is_feasible, reduction="sum")
+        errors = binary_cross_entropy_with_logits(
+            guess.feasible[unknown], is_feasible, reduction="sum"
+        )
         error = errors / unknown.sum().clamp(min=1)  # small maps may be known as a whole
         loss = detour + self.config.guess_coef * error
         rate = cosine(self.config.learning_rate, progress)
@@ -52,8 +59,12 @@ class Dagger:
         self._walk(pool, guess.plan.logits.detach().argmax(dim=1).numpy(), steps)
         return steps * self.config.robots, {"detour": detour.item(), "guess_error": error.item()}
 
-    def _detour(self, pool: SceneSet, scenes: NDArray[np.int64], margin: Tensor, logits: Tensor) -> Tensor:
-        """Mean over the cells known to each robot of the detour that its drawn moves make, in cells."""
+    def _detour(
+        self, pool: SceneSet, scenes: NDArray[np.int64], margin: Tensor, logits: Tensor
+    ) -> Tensor:
+        """Mean over the cells known to each robot of the detour that its drawn moves make, in
+        cells.
+        """
         metres = detours_of_moves(pool.distance_to_go[scenes], pool.cell_size)
         cells = torch.from_numpy(np.minimum(metres / pool.cell_size, _LONGEST).astype(np.float32))
         to_go = torch.from_numpy(pool.distance_to_go[scenes])
@@ -62,9 +73,13 @@ class Dagger:
         return mean_detour[is_asked].mean()
 
     def _walk(self, pool: SceneSet, moves: NDArray[np.int64], steps: int) -> None:
-        """Follow plans ``(n, X, Y)``, looking around; who has begun anew waits for a plan of its own."""
+        """Follow plans ``(n, X, Y)``, looking around; who has begun anew waits for a plan of its
+        own.
+        """
         robots = self._expedition
         assert robots is not None
         n, waits = np.arange(self.config.robots), np.zeros(self.config.robots, dtype=bool)
         for _ in range(steps):
-            waits |= robots.move(pool, moves[n, robots.cells[:, 0], robots.cells[:, 1]], waits).is_over
+            waits |= robots.move(
+                pool, moves[n, robots.cells[:, 0], robots.cells[:, 1]], waits
+            ).is_over

@@ -1,4 +1,6 @@
-"""`ExplorerPpo`: an explorer learns by PPO alone, with no oracle: its reward is that of the environment, in cells."""
+"""`ExplorerPpo`: an explorer learns by PPO alone, with no oracle: its reward is that of the
+environment, in cells.
+"""
 
 from typing import NamedTuple
 
@@ -28,7 +30,9 @@ _FARTHEST = 400.0  # cells: the way to go is worth no more to the critic, throug
 
 
 class Stage(NamedTuple):
-    """What n robots knew when they planned, and the k steps that they took by that plan; waiting robots took fewer."""
+    """What n robots knew when they planned, and the k steps that they took by that plan; waiting
+    robots took fewer.
+    """
 
     known: tuple[Tensor, Tensor, Tensor]  # of `RobotBatch.known`
     cells: Ints  # (k, n), flat
@@ -42,20 +46,27 @@ class Stage(NamedTuple):
 
 
 class ExplorerPpo:
-    """PPO over what robots remember: they plan for what they have seen, take some steps by that plan, and plan anew.
+    """PPO over what robots remember: they plan for what they have seen, take some steps by that
+    plan, and plan anew.
 
-    The critic reads the way to go off the plan, so that what the unknown costs is learned from how far the way really
-    was, too.
+    The critic reads the way to go off the plan, so that what the unknown costs is learned from how
+    far the way really was, too.
     """
 
-    def __init__(self, config: ExplorerPpoConfig, network: nn.Module, rng: np.random.Generator) -> None:
+    def __init__(
+        self, config: ExplorerPpoConfig, network: nn.Module, rng: np.random.Generator
+    ) -> None:
         self.config, self.network, self._rng = config, network, rng
         self.critic = WayCritic()
-        self._optimizer = torch.optim.Adam([*network.parameters(), *self.critic.parameters()], config.learning_rate)
+        self._optimizer = torch.optim.Adam(
+            [*network.parameters(), *self.critic.parameters()], config.learning_rate
+        )
         self._expedition: RobotBatch | None = None
 
     def update(self, pool: SceneSet, progress: float) -> tuple[int, dict[str, float]]:
-        """One rollout and its epochs, counted in steps of robots; see `agents.learning.map_learner.Teacher`."""
+        """One rollout and its epochs, counted in steps of robots; see
+        `agents.learning.map_learner.Teacher`.
+        """
         config = self.config
         if self._expedition is None:
             self._expedition = RobotBatch(config.terms, pool, self._rng)
@@ -96,13 +107,18 @@ class ExplorerPpo:
         return Stage(known, cells, octile, actions, old_log_probs, values, rewards, not_done, took)
 
     def _estimate(self, stages: list[Stage], values_ahead: Floats) -> tuple[Floats, Floats]:
-        """Advantages and targets of the critic, ``(plans, k, n)``; those of steps not taken mean nothing."""
+        """Advantages and targets of the critic, ``(plans, k, n)``; those of steps not taken mean
+        nothing.
+        """
         values, rewards, not_done = (
-            np.concatenate([getattr(each, name) for each in stages]) for name in ("values", "rewards", "not_done")
+            np.concatenate([getattr(each, name) for each in stages])
+            for name in ("values", "rewards", "not_done")
         )
         next_values = np.concatenate([values[1:], values_ahead[None]])
         td_errors = rewards + self.config.gamma * not_done * next_values - values
-        found = generalized_advantages(td_errors, not_done, self.config.gamma * self.config.gae_lambda)
+        found = generalized_advantages(
+            td_errors, not_done, self.config.gamma * self.config.gae_lambda
+        )
         shape = len(stages), self.config.plan_steps, self.config.robots
         return found.reshape(shape), (found + values).reshape(shape)
 
@@ -125,7 +141,9 @@ class ExplorerPpo:
         )
 
     def _ask(self, known: tuple[Tensor, Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-        """Logarithms of the probabilities of moves ``(n, X * Y, 8)``, and the way to go ``(n, X * Y)``, in cells."""
+        """Logarithms of the probabilities of moves ``(n, X * Y, 8)``, and the way to go ``(n, X *
+        Y)``, in cells.
+        """
         found = self.network(*known).plan
         return found.logits.flatten(2).movedim(1, -1).log_softmax(dim=-1), found.to_go.flatten(1)
 

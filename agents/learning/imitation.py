@@ -14,19 +14,26 @@ from irs_gym.oracle.shortest_path import optimal_moves
 
 
 def imitation_loss(logits: Tensor, is_optimal: Tensor) -> Tensor:
-    """Minus the logarithm of the probability of all optimal moves together, mean over the cells that have any.
+    """Minus the logarithm of the probability of all optimal moves together, mean over the cells
+    that have any.
 
     Both arguments have the shape ``(B, 8, X, Y)``.
     """
     right = logits.masked_fill(~is_optimal, -torch.inf).movedim(1, -1)
     is_labelled = is_optimal.any(dim=1)
-    return (logits.movedim(1, -1)[is_labelled].logsumexp(dim=-1) - right[is_labelled].logsumexp(dim=-1)).mean()
+    return (
+        logits.movedim(1, -1)[is_labelled].logsumexp(dim=-1) - right[is_labelled].logsumexp(dim=-1)
+    ).mean()
 
 
 class Imitation:
-    """Draws scenes without replacement until all were seen, each batch under one of the eight symmetries."""
+    """Draws scenes without replacement until all were seen, each batch under one of the eight
+    symmetries.
+    """
 
-    def __init__(self, config: ImitationConfig, network: nn.Module, rng: np.random.Generator) -> None:
+    def __init__(
+        self, config: ImitationConfig, network: nn.Module, rng: np.random.Generator
+    ) -> None:
         self.config, self.network, self._rng = config, network, rng
         self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
         self._waiting = np.zeros(0, dtype=np.int64)

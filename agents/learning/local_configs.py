@@ -1,4 +1,6 @@
-"""The settings of what learns on many scenes from what one robot sees: by imitation, and by algorithms of SB3."""
+"""The settings of what learns on many scenes from what one robot sees: by imitation, and by
+algorithms of SB3.
+"""
 
 from __future__ import annotations
 
@@ -47,12 +49,16 @@ class ExplorerAgentConfig(MapAgentConfig):
     @property
     def terms(self) -> RobotBatchConfig:
         """How the robots are sent out."""
-        return RobotBatchConfig(**{each.name: getattr(self, each.name) for each in fields(RobotBatchConfig)})
+        return RobotBatchConfig(
+            **{each.name: getattr(self, each.name) for each in fields(RobotBatchConfig)}
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExplorerConfig(ExplorerAgentConfig):
-    """Settings of the explorer: imitation with a memory of what was seen; the learning rate falls along a cosine."""
+    """Settings of the explorer: imitation with a memory of what was seen; the learning rate falls
+    along a cosine.
+    """
 
     algorithm: ClassVar[Generalist] = "explorer"
 
@@ -88,8 +94,9 @@ class ExplorerPpoConfig(ExplorerAgentConfig, ProximalConfig):
 
     total_timesteps: int = 200_000
     random_start: float = 0.7
-    """Probability of a start drawn among the cells from which the goal can be reached. From the scene's start alone, no
-    robot comes upon the longer ways that would teach it what they are worth."""
+    """Probability of a start drawn among the cells from which the goal can be reached. From the
+    scene's start alone, no robot comes upon the longer ways that would teach it what they are
+    worth."""
     n_plans: int = 8
     """Plans of each robot between two updates."""
     plan_steps: int = 4
@@ -142,7 +149,9 @@ class Sb3PpoConfig(PpoConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class LocalPpoConfig(Sb3PpoConfig):
-    """Settings of Stable-Baselines3's PPO over many scenes, which sees the patch around the robot and forgets it."""
+    """Settings of Stable-Baselines3's PPO over many scenes, which sees the patch around the robot
+    and forgets it.
+    """
 
     algorithm: ClassVar[Algorithm | Generalist] = "local_ppo"
 
@@ -151,7 +160,9 @@ class LocalPpoConfig(Sb3PpoConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class RecurrentPpoConfig(Sb3PpoConfig):
-    """Settings of sb3-contrib's RecurrentPPO over many scenes: what it has seen is in the state of an LSTM."""
+    """Settings of sb3-contrib's RecurrentPPO over many scenes: what it has seen is in the state of
+    an LSTM.
+    """
 
     algorithm: ClassVar[Algorithm | Generalist] = "recurrent_ppo"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "lstm_hidden_size")
@@ -174,7 +185,9 @@ class RecurrentPpoConfig(Sb3PpoConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class MapPpoConfig(Sb3PpoConfig):
-    """Settings of Stable-Baselines3's PPO over many scenes, with a convolutional network over the whole map."""
+    """Settings of Stable-Baselines3's PPO over many scenes, with a convolutional network over the
+    whole map.
+    """
 
     algorithm: ClassVar[Algorithm | Generalist] = "map_ppo"
 

@@ -1,4 +1,6 @@
-"""The settings of networks that learn on many scenes: `MapAgentConfig`, and one for each that sees the whole map."""
+"""The settings of networks that learn on many scenes: `MapAgentConfig`, and one for each that sees
+the whole map.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class MapAgentConfig:
-    """Settings of every learner whose network answers for all cells of a map; the defaults of each are the tuned ones.
+    """Settings of every learner whose network answers for all cells of a map; the defaults of each
+    are the tuned ones.
 
     Each has ``total_timesteps``, the length of its schedule in what its `Teacher` counts.
 
@@ -32,13 +35,17 @@ class MapAgentConfig:
     network_settings: ClassVar[tuple[str, ...]]  # fields that are handed on to the network
 
     weights: Path | None = None
-    """Run folder, or file, of a trained network of the same settings to begin with; None to begin anew."""
+    """Run folder, or file, of a trained network of the same settings to begin with; None to begin
+    anew.
+    """
     learning_rate: float
     """Learning rate at the start."""
 
     def __post_init__(self) -> None:
         check_settings(self, "positive", "learning_rate")
-        check_settings(self, "whole", *(name for name, value in self.shape.items() if isinstance(value, int)))
+        check_settings(
+            self, "whole", *(name for name, value in self.shape.items() if isinstance(value, int))
+        )
 
     def teacher(self, network: nn.Module, rng: np.random.Generator) -> Teacher:
         """What improves the network."""
@@ -62,10 +69,16 @@ class MapAgentConfig:
 
         if self.weights is None:
             return build_network(self.network, self.shape)
-        content = Run.open(self.weights).read_model() if self.weights.is_dir() else self.weights.read_bytes()
+        content = (
+            Run.open(self.weights).read_model()
+            if self.weights.is_dir()
+            else self.weights.read_bytes()
+        )
         name, shape, network = unpack_network(content)
         if (name, shape) != (self.network, self.shape):
-            raise ValueError(f"weights={str(self.weights)!r} hold {name} {shape}, not {self.network} {self.shape}")
+            raise ValueError(
+                f"weights={str(self.weights)!r} hold {name} {shape}, not {self.network} {self.shape}"
+            )
         return network
 
 
@@ -79,7 +92,9 @@ class ImitationConfig(MapAgentConfig):
     batch_scenes: int = 16
     """Scenes in a batch: each gives a label for every cell from which its goal can be reached."""
     to_go_coef: float = 0.0
-    """Weight of the error in the estimated way to go, in units of 40 cells, beside that of the moves."""
+    """Weight of the error in the estimated way to go, in units of 40 cells, beside that of the
+    moves.
+    """
     max_grad_norm: float = 1.0
     """Longest gradient, in the Euclidean norm; longer ones are cut."""
 
@@ -170,7 +185,9 @@ class PlannerConfig(ImitationConfig):
 
     total_scenes: int = 9_600
     encoding: Encoding = "mask"
-    """What the costs are learned from: the ready "mask" of feasible cells, or the "margin" in dB over the target."""
+    """What the costs are learned from: the ready "mask" of feasible cells, or the "margin" in dB
+    over the target.
+    """
     width: int = 16
     """Channels of the network that gives the costs."""
 
@@ -220,7 +237,9 @@ class PlannerPpoConfig(WholeMapPpoConfig):
 
     total_timesteps: int = 1_000_000
     encoding: Encoding = "mask"
-    """What the costs are learned from: the ready "mask" of feasible cells, or the "margin" in dB over the target."""
+    """What the costs are learned from: the ready "mask" of feasible cells, or the "margin" in dB
+    over the target.
+    """
     width: int = 16
     """Channels of the network that gives the costs."""
 

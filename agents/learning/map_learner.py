@@ -24,7 +24,9 @@ class Teacher(Protocol):
     network: nn.Module
 
     def update(self, pool: SceneSet, progress: float) -> tuple[int, dict[str, float]]:
-        """Improve it once, with ``progress`` in [0, 1] through the schedule; returns steps taken, and what to log."""
+        """Improve it once, with ``progress`` in [0, 1] through the schedule; returns steps taken,
+        and what to log.
+        """
         ...
 
 
@@ -45,7 +47,9 @@ class MapLearner:
         self.teacher = config.teacher(config.build_network(), np.random.default_rng(seed))
         self.logger: Logger | None = None
 
-    def learn(self, total_timesteps: int, callback: BaseCallback, reset_num_timesteps: bool = True) -> MapLearner:
+    def learn(
+        self, total_timesteps: int, callback: BaseCallback, reset_num_timesteps: bool = True
+    ) -> MapLearner:
         """Train for so many steps, on top of those so far unless ``reset_num_timesteps``."""
         self.num_timesteps = 0 if reset_num_timesteps else self.num_timesteps
         end = self.num_timesteps + total_timesteps
@@ -55,7 +59,9 @@ class MapLearner:
         while is_going_on and self.num_timesteps < end:
             callback.on_rollout_start()
             self.teacher.network.train()
-            steps, seen = self.teacher.update(self.pool, min(1.0, self.num_timesteps / self.config.total_timesteps))
+            steps, seen = self.teacher.update(
+                self.pool, min(1.0, self.num_timesteps / self.config.total_timesteps)
+            )
             self.num_timesteps += steps
             for name, value in seen.items() if self.logger else ():
                 self.logger.record(f"train/{name}", value)

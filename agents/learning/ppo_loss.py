@@ -1,4 +1,5 @@
-"""PPO's estimator and objective, and the critic of agents that plan: what its learners over many scenes share.
+"""PPO's estimator and objective, and the critic of agents that plan: what its learners over many
+scenes share.
 
 Schulman et al. 2016 (arXiv 1506.02438) and 2017 (arXiv 1707.06347). Lengths are in cells.
 """
@@ -17,10 +18,11 @@ _UNIT = 20.0
 
 
 class WayCritic(nn.Linear):
-    """A value that is an affine function of the agent's own estimate of the way to go, and of the octile distance.
+    """A value that is an affine function of the agent's own estimate of the way to go, and of the
+    octile distance.
 
-    It begins with what the values were if the estimate was right: the bonus at the goal, and what shaping still pays
-    more than the way takes.
+    It begins with what the values were if the estimate was right: the bonus at the goal, and what
+    shaping still pays more than the way takes.
     """
 
     def __init__(self) -> None:
@@ -81,11 +83,17 @@ def clipped_loss(
     """
     new_log_probs = log_probabilities.gather(-1, torch.from_numpy(actions)[..., None])[..., 0]
     ratio, clip = (new_log_probs - old_log_probs).exp(), config.clip_range
-    policy_objective = torch.minimum(ratio * advantages, ratio.clamp(1.0 - clip, 1.0 + clip) * advantages).mean()
+    policy_objective = torch.minimum(
+        ratio * advantages, ratio.clamp(1.0 - clip, 1.0 + clip) * advantages
+    ).mean()
     target = torch.from_numpy(targets)
     value_loss = (values - target).square().mean() / (target.var() + 1.0)
     entropy = -(log_probabilities.exp() * log_probabilities).sum(dim=-1).mean()
-    loss = -policy_objective + config.vf_coef * value_loss - config.ent_coef * (1.0 - progress) * entropy
+    loss = (
+        -policy_objective
+        + config.vf_coef * value_loss
+        - config.ent_coef * (1.0 - progress) * entropy
+    )
     return loss, {"loss": loss.item(), "value_error": value_loss.item(), "entropy": entropy.item()}
 
 

@@ -102,4 +102,6 @@ class RobotBatch:
         return FinishedEpisodes(places, is_there, is_over)
 
     def _look(self, pool: SceneSet) -> None:
-        self.seen = self.seen.look(self.cells, patches_of(pool, self.scenes, self.cells, self.seen.radius))
+        self.seen = self.seen.look(
+            self.cells, patches_of(pool, self.scenes, self.cells, self.seen.radius)
+        )

@@ -7,7 +7,9 @@ from torch import Tensor
 
 from irs_gym.grid import MOVES
 
-SYMMETRIES = range(8)  # bit 0: i runs the other way, bit 1: j does, bit 2: i and j are exchanged first
+SYMMETRIES = range(
+    8
+)  # bit 0: i runs the other way, bit 1: j does, bit 2: i and j are exchanged first
 
 
 def turn(maps: Tensor, symmetry: int) -> Tensor:

@@ -1,8 +1,8 @@
 """`WholeMapPpo`: proximal policy optimisation over many scenes, a forward pass for each scene.
 
-Stable-Baselines3's PPO would ask the network for a whole map at every transition, mix scenes within its minibatches,
-and hand over a dict for every robot and step. Here a rollout is a few gathers from tables, and an epoch one pass over
-the scenes of the rollout. Objective and estimator are the same.
+Stable-Baselines3's PPO would ask the network for a whole map at every transition, mix scenes within
+its minibatches, and hand over a dict for every robot and step. Here a rollout is a few gathers from
+tables, and an epoch one pass over the scenes of the rollout. Objective and estimator are the same.
 """
 
 from typing import NamedTuple
@@ -37,7 +37,9 @@ class Rollout(NamedTuple):
 
 
 class TransitionTables(NamedTuple):
-    """The environment's rules for some scenes, over flat cells of all of them: shape ``(G * X * Y, 8)``."""
+    """The environment's rules for some scenes, over flat cells of all of them: shape ``(G * X * Y,
+    8)``.
+    """
 
     ahead: NDArray[np.int64]  # flat cell that a move leads to
     reward: NDArray[np.float32]  # in cells
@@ -46,18 +48,25 @@ class TransitionTables(NamedTuple):
 
 
 class WholeMapPpo:
-    """PPO that uses of the oracle nothing but whether the goal can be reached, for the random starts.
+    """PPO that uses of the oracle nothing but whether the goal can be reached, for the random
+    starts.
 
     The environment does the same.
     """
 
-    def __init__(self, config: WholeMapPpoConfig, network: nn.Module, rng: np.random.Generator) -> None:
+    def __init__(
+        self, config: WholeMapPpoConfig, network: nn.Module, rng: np.random.Generator
+    ) -> None:
         self.config, self.network, self._rng = config, network, rng
         self.critic = WayCritic()
-        self._optimizer = torch.optim.Adam([*network.parameters(), *self.critic.parameters()], config.learning_rate)
+        self._optimizer = torch.optim.Adam(
+            [*network.parameters(), *self.critic.parameters()], config.learning_rate
+        )
 
     def update(self, pool: SceneSet, progress: float) -> tuple[int, dict[str, float]]:
-        """One rollout and its epochs, counted in steps of robots; see `agents.learning.map_learner.Teacher`."""
+        """One rollout and its epochs, counted in steps of robots; see
+        `agents.learning.map_learner.Teacher`.
+        """
         config = self.config
         scenes = self._rng.choice(len(pool), min(config.scenes, len(pool)), replace=False)
         maps, rules = maps_of(pool, scenes), transition_tables_of(pool, scenes)
@@ -71,24 +80,40 @@ class WholeMapPpo:
             log_probabilities, values = self._ask(maps, rules)
             there = log_probabilities[rollout.cell], values[rollout.cell]
             loss, seen = clipped_loss(
-                config, progress, there[0], rollout.action, old_log_probs, advantages, there[1], rollout.returns
+                config,
+                progress,
+                there[0],
+                rollout.action,
+                old_log_probs,
+                advantages,
+                there[1],
+                rollout.returns,
             )
             gradient_step(self._optimizer, loss, rate, config.max_grad_norm)
         return rollout.cell.size, seen
 
     def _ask(self, maps: Tensor, rules: TransitionTables) -> tuple[Tensor, Tensor]:
-        """Logarithms of the probabilities of moves ``(cells, 8)``, and values ``(cells,)`` in cells."""
+        """Logarithms of the probabilities of moves ``(cells, 8)``, and values ``(cells,)`` in
+        cells.
+        """
         plan = self.network(maps)
         log_probabilities = plan.logits.movedim(1, -1).reshape(-1, len(MOVES)).log_softmax(dim=-1)
-        return log_probabilities, self.critic.values(plan.to_go.flatten(), torch.from_numpy(rules.octile))
+        return log_probabilities, self.critic.values(
+            plan.to_go.flatten(), torch.from_numpy(rules.octile)
+        )
 
     def _draw_starts(self, pool: SceneSet, scenes: NDArray[np.int64]) -> NDArray[np.int64]:
-        """A start for each step of each robot, ``(T + 1, N)``: the environment's random start, should it be needed."""
+        """A start for each step of each robot, ``(T + 1, N)``: the environment's random start,
+        should it be needed.
+        """
         config, cells = self.config, pool.shape[0] * pool.shape[1]
         draws = []
         for n, scene in enumerate(scenes):
             can_start = np.isfinite(pool.distance_to_go[scene]) & (pool.distance_to_go[scene] > 0)
-            draws.append(n * cells + self._rng.choice(np.flatnonzero(can_start), (config.n_steps + 1, config.robots)))
+            draws.append(
+                n * cells
+                + self._rng.choice(np.flatnonzero(can_start), (config.n_steps + 1, config.robots))
+            )
         return np.concatenate(draws, axis=1)
 
     def _roll_out(
@@ -109,16 +134,22 @@ class WholeMapPpo:
             ahead[t], is_over = rules.ahead[here, action], rules.is_over[here, action]
             not_done[t], here = ~is_over, np.where(is_over, starts[t + 1], ahead[t])
         td_errors = rewards + self.config.gamma * not_done * values[ahead] - values[cells]
-        advantages = generalized_advantages(td_errors, not_done, self.config.gamma * self.config.gae_lambda)
+        advantages = generalized_advantages(
+            td_errors, not_done, self.config.gamma * self.config.gae_lambda
+        )
         return Rollout(cells, actions, advantages, advantages + values[cells])
 
 
 def transition_tables_of(pool: SceneSet, scenes: NDArray[np.int64]) -> TransitionTables:
-    """Moves and rewards of `irs_gym.mdp.dynamics.transition` where cells below the target are refused, in cells."""
+    """Moves and rewards of `irs_gym.mdp.dynamics.transition` where cells below the target are
+    refused, in cells.
+    """
     feasible = pool.feasible[scenes]
     columns, rows = pool.shape
     padded = np.pad(feasible, ((0, 0), (1, 1), (1, 1)))
-    is_legal = np.stack([padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1)
+    is_legal = np.stack(
+        [padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1
+    )
     is_legal = is_legal.reshape(-1, len(MOVES))
     here = np.arange(len(is_legal))[:, None]
     ahead = np.where(is_legal, here + MOVES @ [rows, 1], here)

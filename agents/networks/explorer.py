@@ -1,4 +1,6 @@
-"""`ExplorerNetwork`: guesses what a robot has not seen, and plans through what it has seen and guessed."""
+"""`ExplorerNetwork`: guesses what a robot has not seen, and plans through what it has seen and
+guessed.
+"""
 
 from typing import NamedTuple
 
@@ -26,9 +28,10 @@ class Guess(NamedTuple):
 class ExplorerNetwork(nn.Module):
     """A U-Net gives each cell that was not seen a cost, and a dynamic programme finds the way.
 
-    A move costs its length in cells into a cell seen to be feasible, `BLOCKED` into another that was seen, and its
-    length times 1 + softplus(c) into one that was not, where c is learned. With c = -inf throughout it would be what
-    optimistic replanning computes: what is learned is how much to distrust the unknown, and where.
+    A move costs its length in cells into a cell seen to be feasible, `BLOCKED` into another that
+    was seen, and its length times 1 + softplus(c) into one that was not, where c is learned. With c
+    = -inf throughout it would be what optimistic replanning computes: what is learned is how much
+    to distrust the unknown, and where.
 
     Parameters
     ----------
@@ -47,7 +50,9 @@ class ExplorerNetwork(nn.Module):
         self.up_1 = conv_block(twice + width, width)
         self.read_out = nn.Conv2d(width, 2, 1)
         with torch.no_grad():
-            self.read_out.bias.copy_(torch.tensor([-2.0, 1.0]))  # begins near optimism: most cells are feasible
+            self.read_out.bias.copy_(
+                torch.tensor([-2.0, 1.0])
+            )  # begins near optimism: most cells are feasible
         self.log_beta = nn.Parameter(torch.tensor(1.0))
 
     def forward(self, margin: Tensor, goals: Tensor, settings: Tensor) -> Guess:
@@ -64,13 +69,30 @@ class ExplorerNetwork(nn.Module):
         """
         columns, rows = margin.shape[1:]
         is_known = ~margin.isnan()
-        is_goal = torch.zeros_like(is_known).flatten(1).scatter_(1, goals[:, None], True).view_as(is_known)
+        is_goal = (
+            torch.zeros_like(is_known)
+            .flatten(1)
+            .scatter_(1, goals[:, None], True)
+            .view_as(is_known)
+        )
         is_feasible, is_blocked = is_known & (margin >= 0), is_known & (margin < 0)
         planes = torch.stack(
-            [is_known, margin.nan_to_num(0.0), is_feasible, is_blocked, is_goal, torch.ones_like(is_known)], dim=1
+            [
+                is_known,
+                margin.nan_to_num(0.0),
+                is_feasible,
+                is_blocked,
+                is_goal,
+                torch.ones_like(is_known),
+            ],
+            dim=1,
         )
-        planes = torch.cat([planes, settings[:, :, None, None].expand(-1, -1, columns, rows)], dim=1)
-        answer = self._guess(pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR)))[..., :columns, :rows]
+        planes = torch.cat(
+            [planes, settings[:, :, None, None].expand(-1, -1, columns, rows)], dim=1
+        )
+        answer = self._guess(pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR)))[
+            ..., :columns, :rows
+        ]
         extra = softplus(answer[:, 0]).clamp(max=_MOST_EXTRA)
         cost = torch.where(is_known, 1.0, 1.0 + extra).masked_fill(is_blocked, BLOCKED)
         return Guess(plan(costs_of_moves(cost), is_goal, self.log_beta.exp()), answer[:, 1])
@@ -86,10 +108,16 @@ class ExplorerNetwork(nn.Module):
 
 
 def costs_of_moves(cost: Tensor) -> Tensor:
-    """Costs of the 8 moves ``(B, 8, X, Y)``: their lengths times what the cells ahead cost, ``(B, X, Y)``."""
+    """Costs of the 8 moves ``(B, 8, X, Y)``: their lengths times what the cells ahead cost, ``(B,
+    X, Y)``.
+    """
     columns, rows = cost.shape[1:]
     padded = pad(cost, (1, 1, 1, 1), value=BLOCKED)
     each = zip(MOVES.tolist(), MOVE_LENGTHS.tolist(), strict=True)
     return torch.stack(
-        [length * padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for (di, dj), length in each], dim=1
+        [
+            length * padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj]
+            for (di, dj), length in each
+        ],
+        dim=1,
     )

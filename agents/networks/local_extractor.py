@@ -1,4 +1,6 @@
-"""`LocalExtractor`: what an observation of the patch tells, on scales that a small network can read."""
+"""`LocalExtractor`: what an observation of the patch tells, on scales that a small network can
+read.
+"""
 
 from math import isqrt
 from typing import Any
@@ -13,10 +15,11 @@ SCALES = (1.0, 3.0, 10.0, 40.0)  # cells at which the vector to the goal is cut 
 
 
 class LocalExtractor(BaseFeaturesExtractor):
-    """Adds to a flat observation which cells in view are feasible, and the vector to the goal at several scales.
+    """Adds to a flat observation which cells in view are feasible, and the vector to the goal at
+    several scales.
 
-    As they are, a cell at the target and one just below it differ by nothing that could be seen, and so do the goal and
-    the cells beside it. Nothing is learned here.
+    As they are, a cell at the target and one just below it differ by nothing that could be seen,
+    and so do the goal and the cells beside it. Nothing is learned here.
     """
 
     def __init__(self, observation_space: spaces.Box) -> None:

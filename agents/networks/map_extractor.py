@@ -1,4 +1,6 @@
-"""`MapExtractor`: a convolutional network that SB3's policies put in front of their own over the map observation."""
+"""`MapExtractor`: a convolutional network that SB3's policies put in front of their own over the
+map observation.
+"""
 
 from typing import Any
 
@@ -11,7 +13,9 @@ FEATURES = 256
 
 
 class MapExtractor(BaseFeaturesExtractor):
-    """Three convolutions, each on a grid twice as coarse, and a linear layer; SB3's own wants pictures of bytes."""
+    """Three convolutions, each on a grid twice as coarse, and a linear layer; SB3's own wants
+    pictures of bytes.
+    """
 
     def __init__(self, observation_space: spaces.Box, features_dim: int = FEATURES) -> None:
         super().__init__(observation_space, features_dim)

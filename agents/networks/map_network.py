@@ -1,4 +1,5 @@
-"""What all networks over maps share: what they see (`maps_of`), what they say (`MapPlan`), and their file.
+"""What all networks over maps share: what they see (`maps_of`), what they say (`MapPlan`), and
+their file.
 
 A file holds plain arrays and a line of JSON; nothing in it is unpickled.
 """
@@ -20,7 +21,11 @@ from irs_gym.files import read_arrays
 from irs_gym.mdp.observation import MARGIN_SCALE_DB
 from irs_gym.memory import check_memory
 
-STILL = [0, 1, 3]  # channels of the environment's map observation that stay the same while the robot moves
+STILL = [
+    0,
+    1,
+    3,
+]  # channels of the environment's map observation that stay the same while the robot moves
 _MOST = 10_000  # layers, channels or rounds
 _CLASSES: dict[NetworkName, tuple[str, str]] = {
     "planner": ("agents.networks.planner", "PlanningNetwork"),
@@ -49,8 +54,8 @@ class MapPlan(NamedTuple):
 def maps_of(pool: SceneSet, scenes: NDArray[np.int64]) -> Tensor:
     """What networks see of some scenes of a pool: float32 ``(B, 3, X, Y)``.
 
-    The channels are those of the environment's map observation without the robot: margin over the target, obstacle,
-    goal.
+    The channels are those of the environment's map observation without the robot: margin over the
+    target, obstacle, goal.
     """
     maps = np.zeros((len(scenes), 3, *pool.shape), dtype=np.float32)
     margin_db = pool.gain_db[scenes] - pool.target_db[scenes, None, None]
@@ -71,11 +76,13 @@ def plan_scene_set(network: nn.Module, pool: SceneSet, batch: int = 32) -> NDArr
 def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
     """A network by its name, untrained; its weights are drawn from PyTorch's random numbers.
 
-    Raises ``ValueError`` where a setting is out of its range, or the network would take too much memory.
+    Raises ``ValueError`` where a setting is out of its range, or the network would take too much
+    memory.
     """
     outline = _outline(name, settings)
     check_memory(
-        f"{dict(settings)}: the network", _TRAINED * sum(each.nbytes for each in outline.state_dict().values())
+        f"{dict(settings)}: the network",
+        _TRAINED * sum(each.nbytes for each in outline.state_dict().values()),
     )
     return _class(name)(**settings)
 
@@ -103,11 +110,15 @@ def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Mod
 
 
 def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Module]:
-    """Name, settings and network in the content of a file; raises `NetworkFileError` where it is none."""
+    """Name, settings and network in the content of a file; raises `NetworkFileError` where it is
+    none.
+    """
     try:
         arrays = read_arrays(content, limit=FILE_BYTES, needed=["header"])
         header = json.loads(str(arrays.pop("header")))
-        weights = {key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()}
+        weights = {
+            key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()
+        }
         _check_fit(_outline(header["network"], header["settings"]), weights)
         network = build_network(header["network"], header["settings"])
         network.load_state_dict(weights)
@@ -122,9 +133,15 @@ def _check_sizes(settings: Any) -> None:
     if not isinstance(settings, Mapping):
         raise ValueError(f"settings={settings!r} must be an object")
     for name, value in settings.items():
-        is_size = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= _LARGEST_SETTING
+        is_size = (
+            isinstance(value, int)
+            and not isinstance(value, bool)
+            and 1 <= value <= _LARGEST_SETTING
+        )
         if not is_size and not isinstance(value, str):
-            raise ValueError(f"settings.{name}={value!r} must be a name or an integer from 1 to {_LARGEST_SETTING}")
+            raise ValueError(
+                f"settings.{name}={value!r} must be a name or an integer from 1 to {_LARGEST_SETTING}"
+            )
 
 
 def _check_fit(network: nn.Module, weights: Mapping[str, Tensor]) -> None:
@@ -134,6 +151,10 @@ def _check_fit(network: nn.Module, weights: Mapping[str, Tensor]) -> None:
     wrong = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
     if wrong:
         raise ValueError(f"its weights are not those of such a network: {', '.join(wrong[:3])}")
-    infinite = [name for name, each in weights.items() if each.is_floating_point() and not each.isfinite().all()]
+    infinite = [
+        name
+        for name, each in weights.items()
+        if each.is_floating_point() and not each.isfinite().all()
+    ]
     if infinite:
         raise ValueError(f"its weights are not finite: {', '.join(infinite[:3])}")

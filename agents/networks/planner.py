@@ -1,4 +1,5 @@
-"""`PlanningNetwork`: a small network gives each move its cost, and a dynamic programme finds the way.
+"""`PlanningNetwork`: a small network gives each move its cost, and a dynamic programme finds the
+way.
 
 The dynamic programme is built in: only what the moves cost is learned.
 """
@@ -17,24 +18,30 @@ from irs_gym.mdp.observation import MARGIN_SCALE_DB
 
 MARGIN_SCALES_DB = (5.0, 1.0, 0.2, 0.04, 0.008)
 LOG_COST = (-2.0, 9.0)  # natural logarithms of the least and the highest cost of a move
-UNREACHED = 1e9  # cost to go where no way was found; any cost added to it is lost in float32, so none leaks
-FARTHEST = 50.0  # a move worse than the best by more is no worse to the softmax: keeps logits finite
+UNREACHED = (
+    1e9  # cost to go where no way was found; any cost added to it is lost in float32, so none leaks
+)
+FARTHEST = (
+    50.0  # a move worse than the best by more is no worse to the softmax: keeps logits finite
+)
 _ROUNDS_PER_CHECK = 4
 
 
 class PlanningNetwork(nn.Module):
     """A value-iteration network in the min-plus algebra, for maps of any size.
 
-    A convolution of 3 x 3 cells and two of 1 x 1 give each of the 8 moves in each cell a positive cost. With V = 0 at
-    the goal, V <- min over moves (cost + V of the neighbour) is repeated until nothing changes, with no way off the
-    map. The logits are - beta (cost + V of the neighbour - the least of these).
+    A convolution of 3 x 3 cells and two of 1 x 1 give each of the 8 moves in each cell a positive
+    cost. With V = 0 at the goal, V <- min over moves (cost + V of the neighbour) is repeated until
+    nothing changes, with no way off the map. The logits are - beta (cost + V of the neighbour - the
+    least of these).
 
     Parameters
     ----------
     encoding
-        What the costs are learned from. ``"mask"``: the goal and, ready-made, the feasible cells. ``"margin"``: the
-        goal, the free cells, and the margin in dB over the target, cut off at several scales
-        (`MARGIN_SCALES_DB`) so that a small network can tell its sign; the threshold itself is learned.
+        What the costs are learned from. ``"mask"``: the goal and, ready-made, the feasible cells.
+        ``"margin"``: the goal, the free cells, and the margin in dB over the target, cut off at
+        several scales (`MARGIN_SCALES_DB`) so that a small network can tell its sign; the threshold
+        itself is learned.
     width
         Channels of the hidden layers.
     """
@@ -57,21 +64,29 @@ class PlanningNetwork(nn.Module):
     def forward(self, maps: Tensor, rounds: int | None = None) -> MapPlan:
         """Plan for maps ``(B, 3, X, Y)`` of `agents.networks.map_network.maps_of`.
 
-        ``rounds`` bounds the rounds of value iteration; by default they end when nothing changes any more.
+        ``rounds`` bounds the rounds of value iteration; by default they end when nothing changes
+        any more.
         """
         costs = self.log_costs(self.encode(maps)).clamp(*LOG_COST).exp()
         return plan(costs, maps[:, 2] > 0, self.log_beta.exp(), rounds)
 
     def encode(self, maps: Tensor) -> Tensor:
-        """Planes that the costs are learned from, in [0, 1], and 0 where blocked as off the map: ``(B, C, X, Y)``."""
+        """Planes that the costs are learned from, in [0, 1], and 0 where blocked as off the map:
+        ``(B, C, X, Y)``.
+        """
         margin, goal = maps[:, 0], maps[:, 2]
         if self.encoding == "mask":
             return torch.stack([(margin >= 0).to(maps), goal], dim=1)
-        planes = [(margin * (MARGIN_SCALE_DB / scale)).clamp(-1.0, 1.0) * 0.5 + 0.5 for scale in MARGIN_SCALES_DB]
+        planes = [
+            (margin * (MARGIN_SCALE_DB / scale)).clamp(-1.0, 1.0) * 0.5 + 0.5
+            for scale in MARGIN_SCALES_DB
+        ]
         return torch.stack([*planes, 1.0 - maps[:, 1], goal], dim=1)
 
 
-def plan(costs: Tensor, is_goal: Tensor, beta: Tensor | float = 1.0, rounds: int | None = None) -> MapPlan:
+def plan(
+    costs: Tensor, is_goal: Tensor, beta: Tensor | float = 1.0, rounds: int | None = None
+) -> MapPlan:
     """Plan for given costs of the moves ``(B, 8, X, Y)`` and goals, bool ``(B, X, Y)``."""
     to_go: Tensor = _CostToGo.apply(costs, is_goal, rounds)  # type: ignore[no-untyped-call]
     ahead = costs + torch.stack(_neighbours(pad(to_go, (1, 1, 1, 1), value=UNREACHED)), dim=1)
@@ -82,12 +97,14 @@ def plan(costs: Tensor, is_goal: Tensor, beta: Tensor | float = 1.0, rounds: int
 class _CostToGo(torch.autograd.Function):
     """Least cost from each cell to the goal, and its exact gradient.
 
-    The cost to go is the sum of the costs along the best path, so its gradient is the number of best paths that run
-    over a move, each weighted by the gradient that comes in where it begins.
+    The cost to go is the sum of the costs along the best path, so its gradient is the number of
+    best paths that run over a move, each weighted by the gradient that comes in where it begins.
     """
 
     @staticmethod
-    def forward(ctx: FunctionCtx | Any, costs: Tensor, is_goal: Tensor, rounds: int | None) -> Tensor:
+    def forward(
+        ctx: FunctionCtx | Any, costs: Tensor, is_goal: Tensor, rounds: int | None
+    ) -> Tensor:
         by_move = costs.transpose(0, 1).contiguous()
         padded = pad(torch.where(is_goal, 0.0, UNREACHED).to(costs), (1, 1, 1, 1), value=UNREACHED)
         to_go, neighbours = padded[:, 1:-1, 1:-1], _neighbours(padded)
@@ -100,7 +117,9 @@ class _CostToGo(torch.autograd.Function):
             if before is not None and torch.equal(before, to_go):
                 break
         if ctx.needs_input_grad[0]:
-            best = torch.stack([cost + each for cost, each in zip(by_move, neighbours, strict=True)]).argmin(dim=0)
+            best = torch.stack(
+                [cost + each for cost, each in zip(by_move, neighbours, strict=True)]
+            ).argmin(dim=0)
             ctx.save_for_backward(best, is_goal | (to_go >= UNREACHED))
         return to_go.clone()
 
@@ -121,11 +140,15 @@ class _CostToGo(torch.autograd.Function):
             ahead = ahead[ahead]
         weight = through[:cells].view_as(best).masked_fill(is_end, 0.0)
         batch, *shape = best.shape
-        costs = gradient.new_zeros(batch, len(MOVES), *shape).scatter_(1, best[:, None], weight[:, None])
+        costs = gradient.new_zeros(batch, len(MOVES), *shape).scatter_(
+            1, best[:, None], weight[:, None]
+        )
         return costs, None, None
 
 
 def _neighbours(padded: Tensor) -> list[Tensor]:
     """Views of maps ``(B, X + 2, Y + 2)``: for each move, the values where it leads, ``(B, X, Y)``."""
     columns, rows = padded.shape[1] - 2, padded.shape[2] - 2
-    return [padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES.tolist()]
+    return [
+        padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES.tolist()
+    ]

@@ -1,4 +1,6 @@
-"""`UNet`: a convolutional network that refines its answer over several passes from fine to coarse and back."""
+"""`UNet`: a convolutional network that refines its answer over several passes from fine to coarse
+and back.
+"""
 
 import torch
 from torch import Tensor, nn
@@ -12,17 +14,19 @@ _UNIT = 40.0  # cells to go in the unit of the network's estimate
 
 
 class UNet(nn.Module):
-    """A U-Net whose core, on a grid twice as coarse as the map, is passed several times with the same weights.
+    """A U-Net whose core, on a grid twice as coarse as the map, is passed several times with the
+    same weights.
 
-    A way around obstacles is longer than a single pass can follow; each pass sees the map anew beside what the passes
-    before it have found. Nothing in it is made for shortest paths.
+    A way around obstacles is longer than a single pass can follow; each pass sees the map anew
+    beside what the passes before it have found. Nothing in it is made for shortest paths.
 
     Parameters
     ----------
     width
         Channels on the map's own grid; twice as many on the coarser ones.
     passes
-        Times that the core is passed, for maps of 40 x 40 cells; larger maps get more in proportion.
+        Times that the core is passed, for maps of 40 x 40 cells; larger maps get more in
+        proportion.
     """
 
     def __init__(self, width: int = 16, passes: int = 6) -> None:
@@ -31,23 +35,31 @@ class UNet(nn.Module):
         self.stem = nn.Sequential(conv_block(4, width), conv_block(width, width))
         self.enter = conv_block(width, wide, stride=2)
         self.begin = conv_block(2 * wide, wide)
-        self.down = nn.ModuleList([conv_block(wide, wide, stride=2), conv_block(wide, wide, stride=2)])
+        self.down = nn.ModuleList(
+            [conv_block(wide, wide, stride=2), conv_block(wide, wide, stride=2)]
+        )
         self.deep = conv_block(wide, wide)
         self.up = nn.ModuleList([conv_block(2 * wide, wide), conv_block(2 * wide, wide)])
         self.finish = nn.Conv2d(wide, wide, 3, padding=1)
-        self.leave = nn.Sequential(conv_block(wide + width, 2 * width), conv_block(2 * width, 2 * width))
+        self.leave = nn.Sequential(
+            conv_block(wide + width, 2 * width), conv_block(2 * width, 2 * width)
+        )
         self.read_out = nn.Conv2d(2 * width, len(MOVES) + 1, 1)
 
     def forward(self, maps: Tensor) -> MapPlan:
         """Plan for maps ``(B, 3, X, Y)`` of `agents.networks.map_network.maps_of`."""
         columns, rows = maps.shape[-2:]
-        planes = torch.cat([(maps[:, :1] >= 0).to(maps), maps[:, :1] * (1.0 - maps[:, 1:2]), maps[:, 1:]], dim=1)
+        planes = torch.cat(
+            [(maps[:, :1] >= 0).to(maps), maps[:, :1] * (1.0 - maps[:, 1:2]), maps[:, 1:]], dim=1
+        )
         fine = self.stem(pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR)))
         seen = self.enter(fine)
         state = torch.zeros_like(seen)
         for _ in range(max(self.passes, self.passes * max(columns, rows) // 40)):
             state = state + self._pass(torch.cat([state, seen], dim=1))
-        answer = self.read_out(self.leave(torch.cat([double_conv(state), fine], dim=1)))[..., :columns, :rows]
+        answer = self.read_out(self.leave(torch.cat([double_conv(state), fine], dim=1)))[
+            ..., :columns, :rows
+        ]
         return MapPlan(answer[:, :-1], _UNIT * answer[:, -1])
 
     def _pass(self, seen: Tensor) -> Tensor:

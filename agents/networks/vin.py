@@ -13,9 +13,9 @@ _DISCOUNT = 0.95  # that the transitions begin with
 class ValueIterationNetwork(nn.Module):
     """Written from the description in the paper (NIPS 2016, section 4 and figure 2).
 
-    A network gives each cell a reward r. Then Q = convolution of r and V over 3 x 3 cells, one channel for each
-    abstract action, and V = the greatest Q, K times over with the same weights. A linear layer reads the logits of the
-    moves off a cell's Q, in all cells at once.
+    A network gives each cell a reward r. Then Q = convolution of r and V over 3 x 3 cells, one
+    channel for each abstract action, and V = the greatest Q, K times over with the same weights. A
+    linear layer reads the logits of the moves off a cell's Q, in all cells at once.
 
     Parameters
     ----------
@@ -30,7 +30,9 @@ class ValueIterationNetwork(nn.Module):
     def __init__(self, rounds: int = 60, actions: int = 10, width: int = 150) -> None:
         super().__init__()
         self.rounds = rounds
-        self.reward = nn.Sequential(nn.Conv2d(4, width, 3, padding=1), nn.Conv2d(width, 1, 1, bias=False))
+        self.reward = nn.Sequential(
+            nn.Conv2d(4, width, 3, padding=1), nn.Conv2d(width, 1, 1, bias=False)
+        )
         self.transition = nn.Parameter(_moves(actions))
         self.read_out = nn.Conv2d(actions, len(MOVES), 1)
 
@@ -48,7 +50,8 @@ class ValueIterationNetwork(nn.Module):
 def _moves(actions: int) -> Tensor:
     """Transitions to begin with, ``(actions, 2, 3, 3)``: each action is one of the eight moves.
 
-    From small random numbers, as in the paper, values die out on their way over K rounds, and gradients with them.
+    From small random numbers, as in the paper, values die out on their way over K rounds, and
+    gradients with them.
     """
     transition = torch.randn(actions, 2, 3, 3) * 0.01
     transition[:, 0, 1, 1] += 1.0

@@ -25,7 +25,8 @@ class BeliefMap:
     Attributes
     ----------
     margin
-        float32, shape ``(n, X + 2r, Y + 2r)``: the map of each with a border as wide as its robot sees.
+        float32, shape ``(n, X + 2r, Y + 2r)``: the map of each with a border as wide as its robot
+        sees.
     radius
         r, cells that a robot sees in each direction.
     """
@@ -59,23 +60,30 @@ class BeliefMap:
 
 
 def patches_of(pool: SceneSet, scenes: Ints, cells: Ints, radius: int) -> Floats:
-    """What robots in cells ``(n, 2)`` of scenes ``(n,)`` see, ``(n, 2r+1, 2r+1)``, as the environment shows it."""
+    """What robots in cells ``(n, 2)`` of scenes ``(n,)`` see, ``(n, 2r+1, 2r+1)``, as the
+    environment shows it.
+    """
     margin = scaled_margin(pool.gain_db[scenes], pool.target_db[scenes, None, None])
     padded = np.pad(margin, ((0, 0), (radius, radius), (radius, radius)), constant_values=-1.0)
     return np.asarray(padded[_windows(cells, radius)])
 
 
 def parts_of(observation: Any) -> tuple[Floats, Floats]:
-    """Patches ``(n, 2r+1, 2r+1)`` and settings of the IRS ``(n, 3)`` in one local observation or a batch.
+    """Patches ``(n, 2r+1, 2r+1)`` and settings of the IRS ``(n, 3)`` in one local observation or a
+    batch.
 
     Raises
     ------
     ValueError
-        Where the observation is no local one: a map, or flat with the phase shifts of `IrsNav-v0` between its parts.
+        Where the observation is no local one: a map, or flat with the phase shifts of `IrsNav-v0`
+        between its parts.
     """
     observation = unmasked(observation)
     if isinstance(observation, Mapping):
-        patches, settings = np.asarray(observation["gain_patch"]), np.asarray(observation["irs"])[..., :3]
+        patches, settings = (
+            np.asarray(observation["gain_patch"]),
+            np.asarray(observation["irs"])[..., :3],
+        )
         return patches.reshape(-1, *patches.shape[-2:]), settings.reshape(-1, 3)
     flat = np.asarray(observation)
     side = isqrt(max(0, flat.shape[-1] - 7))

@@ -1,4 +1,6 @@
-"""`Explorer`: a policy that sees only a patch, remembers it, and plans through the rest by an `ExplorerNetwork`."""
+"""`Explorer`: a policy that sees only a patch, remembers it, and plans through the rest by an
+`ExplorerNetwork`.
+"""
 
 from dataclasses import dataclass
 from typing import IO, Any
@@ -27,9 +29,11 @@ class ExplorerState:
 
 @dataclass(frozen=True, eq=False)
 class Explorer:
-    """Acts on local observations, dict or flat, of `IrsNavRandom-v0`; its state is what it has seen in the episode.
+    """Acts on local observations, dict or flat, of `IrsNavRandom-v0`; its state is what it has seen
+    in the episode.
 
-    It plans anew whenever it has seen a new cell, and takes the likeliest move, whether or not ``deterministic``.
+    It plans anew whenever it has seen a new cell, and takes the likeliest move, whether or not
+    ``deterministic``.
 
     Attributes
     ----------
@@ -51,7 +55,8 @@ class Explorer:
         episode_start: Any = None,
         deterministic: bool = False,
     ) -> tuple[Ints, ExplorerState]:
-        """Actions for one observation or a batch, and what was seen so far; see `agents.policies.policy.Policy`.
+        """Actions for one observation or a batch, and what was seen so far; see
+        `agents.policies.policy.Policy`.
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
         """
@@ -60,14 +65,18 @@ class Explorer:
         at, to = robots.ravel(), goals.ravel()
         old = self._blank(len(at), patches.shape[-1] // 2) if state is None else state
         if episode_start is not None and np.any(episode_start):
-            old = ExplorerState(old.seen.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves)
+            old = ExplorerState(
+                old.seen.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves
+            )
         seen = old.seen.look(np.stack(np.divmod(at, self.shape[1]), axis=-1), patches)
         is_new = np.isnan(old.seen.maps).sum(axis=(1, 2)) != np.isnan(seen.maps).sum(axis=(1, 2))
         changed = np.flatnonzero(is_new | (to != old.goals))
         moves = old.moves.copy()
         for part in np.array_split(changed, -(-len(changed) // _BATCH)) if len(changed) else ():
             moves[part] = self._plan(seen.maps[part], to[part], settings[part])
-        return moves[np.arange(len(at)), at].astype(np.int64).reshape(robots.shape), ExplorerState(seen, to, moves)
+        return moves[np.arange(len(at)), at].astype(np.int64).reshape(robots.shape), ExplorerState(
+            seen, to, moves
+        )
 
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""
@@ -76,18 +85,27 @@ class Explorer:
     def _blank(self, robots: int, radius: int) -> ExplorerState:
         cells = self.shape[0] * self.shape[1]
         seen = BeliefMap.nothing(robots, self.shape, radius)
-        return ExplorerState(seen, np.full(robots, -1, dtype=np.int64), np.zeros((robots, cells), dtype=np.uint8))
+        return ExplorerState(
+            seen, np.full(robots, -1, dtype=np.int64), np.zeros((robots, cells), dtype=np.uint8)
+        )
 
-    def _plan(self, margin: NDArray[np.float32], goals: Ints, settings: NDArray[np.float32]) -> NDArray[np.uint8]:
+    def _plan(
+        self, margin: NDArray[np.float32], goals: Ints, settings: NDArray[np.float32]
+    ) -> NDArray[np.uint8]:
         self.network.eval()
         with torch.inference_mode():
-            given = (np.ascontiguousarray(margin), goals, np.ascontiguousarray(settings, dtype=np.float32))
+            given = (
+                np.ascontiguousarray(margin),
+                goals,
+                np.ascontiguousarray(settings, dtype=np.float32),
+            )
             logits = self.network(*map(torch.from_numpy, given)).plan.logits
             return likeliest(logits).flatten(1).numpy()
 
 
 def likeliest(logits: Tensor) -> Tensor:
-    """The move with the greatest logit, of equals the first: uint8 ``(B, X, Y)`` for logits ``(B, 8, X, Y)``.
+    """The move with the greatest logit, of equals the first: uint8 ``(B, X, Y)`` for logits ``(B,
+    8, X, Y)``.
 
     As `torch.argmax`, which takes a quarter of the time of a plan, with strides as long as a map.
     """

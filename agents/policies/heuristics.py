@@ -1,4 +1,6 @@
-"""Reference policies: random, greedy and oracle, which act on the cell that an observation tells, and replanning."""
+"""Reference policies: random, greedy and oracle, which act on the cell that an observation tells,
+and replanning.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -26,26 +28,41 @@ _KEPT = 256  # worlds and goals whose choices a policy remembers
 class CellPolicy:
     """A policy that draws evenly among the actions that a rule leaves in the robot's cell.
 
-    It reads cell and goal from the observation (dict, flat or map), and all else from the world of its environment.
-    Where the rule leaves one action, it is deterministic; where it leaves none, the action is 0.
+    It reads cell and goal from the observation (dict, flat or map), and all else from the world of
+    its environment. Where the rule leaves one action, it is deterministic; where it leaves none,
+    the action is 0.
     """
 
-    world_of: Callable[[int], World]  # of the n-th observation of a batch; asked at each call, as resets may change it
+    world_of: Callable[
+        [int], World
+    ]  # of the n-th observation of a batch; asked at each call, as resets may change it
     rule: Rule
     rng: np.random.Generator
     _choices: dict[tuple[World, int], Bools] = field(default_factory=dict, repr=False)
 
     def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
     ) -> tuple[Ints, Any]:
         """Actions for one observation or a batch, as `agents.policies.policy.Policy` says.
 
-        A draw among several actions has no likeliest one, and is made even where ``deterministic`` is asked for.
+        A draw among several actions has no likeliest one, and is made even where ``deterministic``
+        is asked for.
         """
         robots, goals = decode(observation, self.world_of(0).radio_map.grid.shape)
         pairs = zip(robots.ravel().tolist(), goals.ravel().tolist(), strict=True)
-        choices = np.stack([self._choices_for(self.world_of(n), goal)[robot] for n, (robot, goal) in enumerate(pairs)])
-        weight = choices * (1.0 - self.rng.random(choices.shape))  # draws in (0, 1]: each choice has some weight
+        choices = np.stack(
+            [
+                self._choices_for(self.world_of(n), goal)[robot]
+                for n, (robot, goal) in enumerate(pairs)
+            ]
+        )
+        weight = choices * (
+            1.0 - self.rng.random(choices.shape)
+        )  # draws in (0, 1]: each choice has some weight
         return weight.argmax(axis=-1).reshape(robots.shape), state
 
     def _choices_for(self, world: World, goal: int) -> Bools:
@@ -65,16 +82,24 @@ def random(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
 
 def masked_random(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
     """Any action that is not refused (`info["action_mask"]`)."""
-    return _policy(env, lambda world, goal: action_mask(world).reshape(*world.feasible.shape, 8).astype(bool), seed)
+    return _policy(
+        env,
+        lambda world, goal: action_mask(world).reshape(*world.feasible.shape, 8).astype(bool),
+        seed,
+    )
 
 
 def greedy(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
-    """The feasible move with the least length plus octile distance from its end to the goal: the greatest reward."""
+    """The feasible move with the least length plus octile distance from its end to the goal: the
+    greatest reward.
+    """
     return _policy(env, RULES["greedy"], seed)
 
 
 def greedy_margin(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
-    """The feasible move with the greatest gain, among those that come nearer to the goal if there are any."""
+    """The feasible move with the greatest gain, among those that come nearer to the goal if there
+    are any.
+    """
     return _policy(env, RULES["greedy_margin"], seed)
 
 
@@ -84,7 +109,9 @@ def oracle(env: gymnasium.Env[Any, Any], seed: int | None = None) -> CellPolicy:
 
 
 def replanning(env: gymnasium.Env[Any, Any], seed: int | None = None) -> Replanner:
-    """The first move of a shortest path over what the robot has seen, the unknown taken for feasible."""
+    """The first move of a shortest path over what the robot has seen, the unknown taken for
+    feasible.
+    """
     task = env.unwrapped.task  # type: ignore[attr-defined]
     radius = None if task.observation == "map" else task.patch_radius
     return Replanner(_world_reader(env)(0).radio_map.grid.shape, radius)
@@ -113,12 +140,16 @@ def _world_reader(env: Any) -> Callable[[int], World]:
 def _octile(world: World, goal: Cell) -> Floats:
     """Octile distance of each cell to the goal in metres, shape ``(X, Y)``."""
     grid = world.radio_map.grid
-    return octile_distance(np.indices(grid.shape).transpose(1, 2, 0) - np.array(goal)) * grid.cell_size
+    return (
+        octile_distance(np.indices(grid.shape).transpose(1, 2, 0) - np.array(goal)) * grid.cell_size
+    )
 
 
 def _cheapest(world: World, to_go: Floats) -> Bools:
     """The feasible move with the least length plus distance to go from its end, as a choice of one."""
-    return _only(-(MOVE_LENGTHS * world.radio_map.grid.cell_size + ahead(to_go)), legal_moves(world.feasible))
+    return _only(
+        -(MOVE_LENGTHS * world.radio_map.grid.cell_size + ahead(to_go)), legal_moves(world.feasible)
+    )
 
 
 def _greatest_gain(world: World, goal: Cell) -> Bools:

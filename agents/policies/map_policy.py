@@ -18,8 +18,8 @@ _REMEMBERED = 2**26  # bytes of logits
 class MapPolicy:
     """Acts on the environment's map observation ``(4, X, Y)``, or a batch of them, of any size.
 
-    The network gives the logits of all cells at once, and these are kept as long as the map and the goal stay the same:
-    an episode costs one forward pass.
+    The network gives the logits of all cells at once, and these are kept as long as the map and the
+    goal stay the same: an episode costs one forward pass.
 
     Parameters
     ----------
@@ -31,13 +31,19 @@ class MapPolicy:
         Of the draws where actions are drawn.
     """
 
-    def __init__(self, name: NetworkName, settings: dict[str, Any], network: nn.Module, seed: int = 0) -> None:
+    def __init__(
+        self, name: NetworkName, settings: dict[str, Any], network: nn.Module, seed: int = 0
+    ) -> None:
         self.name, self.settings, self.network = name, settings, network.eval()
         self._rng = np.random.default_rng(seed)
         self._known: OrderedDict[bytes, NDArray[np.float32]] = OrderedDict()
 
     def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
     ) -> tuple[NDArray[np.int64], Any]:
         """Actions for one observation or a batch, as `agents.policies.policy.Policy` says: the
         likeliest ones, or drawn.
@@ -46,9 +52,13 @@ class MapPolicy:
         batch = seen.reshape(-1, *seen.shape[-3:])
         cells = batch[:, 2].reshape(len(batch), -1).argmax(axis=1)
         all_logits = self._logits(batch[:, STILL])
-        logits = np.stack([each.reshape(8, -1)[:, cell] for each, cell in zip(all_logits, cells, strict=True)])
+        logits = np.stack(
+            [each.reshape(8, -1)[:, cell] for each, cell in zip(all_logits, cells, strict=True)]
+        )
         if not deterministic:
-            logits = logits + self._rng.gumbel(size=logits.shape)  # the greatest is then a draw from the softmax
+            logits = logits + self._rng.gumbel(
+                size=logits.shape
+            )  # the greatest is then a draw from the softmax
         return logits.argmax(axis=1).reshape(seen.shape[:-3]), state
 
     def save(self, file: IO[bytes]) -> None:

@@ -1,4 +1,6 @@
-"""What an observation tells: the cells of robot and goal, and which cells around the robot are feasible."""
+"""What an observation tells: the cells of robot and goal, and which cells around the robot are
+feasible.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,7 +16,8 @@ Ints = NDArray[np.int64]
 
 
 def decode(observation: Any, shape: tuple[int, int]) -> tuple[Ints, Ints]:
-    """Flat cells of the robot and of the goal that observations tell, one array each with the shape of the batch.
+    """Flat cells of the robot and of the goal that observations tell, one array each with the shape
+    of the batch.
 
     Parameters
     ----------
@@ -30,12 +33,16 @@ def decode(observation: Any, shape: tuple[int, int]) -> tuple[Ints, Ints]:
     """
     observation = unmasked(observation)
     if is_cell(observation):
-        raise ValueError("observation='cell' tells no goal: this policy needs 'dict', 'flat', 'masked' or 'map'")
+        raise ValueError(
+            "observation='cell' tells no goal: this policy needs 'dict', 'flat', 'masked' or 'map'"
+        )
     if not isinstance(observation, Mapping) and observation.shape[-3:] == (4, *shape):
         ends = observation[..., 2:, :, :]
         flat = ends.reshape(*ends.shape[:-2], -1).argmax(axis=-1)
         return flat[..., 0], flat[..., 1]
-    position = observation["position"] if isinstance(observation, Mapping) else observation[..., -4:]
+    position = (
+        observation["position"] if isinstance(observation, Mapping) else observation[..., -4:]
+    )
     position = np.asarray(position, dtype=np.float64)
     robot = np.rint((position[..., :2] + 1.0) / 2.0 * shape - 0.5).astype(np.int64)
     goal = robot + np.rint(position[..., 2:] * shape).astype(np.int64)
@@ -70,7 +77,9 @@ def seen_feasible(observation: Any, radius: int | None) -> Bools:
 
 def is_cell(observation: Any) -> bool:
     """Whether an observation or a batch tells flat cells and nothing else."""
-    return not isinstance(observation, Mapping) and np.issubdtype(np.asarray(observation).dtype, np.integer)
+    return not isinstance(observation, Mapping) and np.issubdtype(
+        np.asarray(observation).dtype, np.integer
+    )
 
 
 def unmasked(observation: Any) -> Any:
@@ -80,7 +89,11 @@ def unmasked(observation: Any) -> Any:
 
 
 def ahead(values: Floats) -> Floats:
-    """Values ``(X, Y)`` of the cells that the eight moves lead to, shape ``(X, Y, 8)``; +inf off the map."""
+    """Values ``(X, Y)`` of the cells that the eight moves lead to, shape ``(X, Y, 8)``; +inf off
+    the map.
+    """
     columns, rows = values.shape
     padded = np.pad(values, 1, constant_values=np.inf)
-    return np.stack([padded[1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1)
+    return np.stack(
+        [padded[1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1
+    )

@@ -17,7 +17,8 @@ class Policy(Protocol):
         episode_start: Any = None,
         deterministic: bool = False,
     ) -> tuple[NDArray[np.int64], Any]:
-        """Actions, shape ``()`` for one observation or ``(n,)`` for a batch, and the next state of the policy.
+        """Actions, shape ``()`` for one observation or ``(n,)`` for a batch, and the next state of
+        the policy.
 
         Parameters
         ----------

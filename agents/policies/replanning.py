@@ -1,4 +1,6 @@
-"""`Replanner`: optimistic replanning, what D* Lite computes: the reference for agents that see only a patch."""
+"""`Replanner`: optimistic replanning, what D* Lite computes: the reference for agents that see only
+a patch.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,12 +29,13 @@ class ReplannerState:
 
 @dataclass(frozen=True, eq=False)
 class Replanner:
-    """A policy that takes the first move of a shortest path over all cells that it has not seen to be infeasible.
+    """A policy that takes the first move of a shortest path over all cells that it has not seen to
+    be infeasible.
 
-    It reads nothing but observations (dict, flat or map) and their layout: the frame that positions are scaled to, and
-    the patch's radius. What it has seen since the start of the episode is its state. Where it sees its neighbours, none
-    of its moves is refused; with a radius of 0 it learns from a refusal, as it stays where it is. Of moves
-    equally good it takes the first.
+    It reads nothing but observations (dict, flat or map) and their layout: the frame that positions
+    are scaled to, and the patch's radius. What it has seen since the start of the episode is its
+    state. Where it sees its neighbours, none of its moves is refused; with a radius of 0 it learns
+    from a refusal, as it stays where it is. Of moves equally good it takes the first.
     """
 
     shape: tuple[int, int]  # (X, Y)
@@ -45,7 +48,8 @@ class Replanner:
         episode_start: Any = None,
         deterministic: bool = False,
     ) -> tuple[Ints, tuple[ReplannerState, ...]]:
-        """Actions for one observation or a batch, and what was seen so far; see `agents.policies.policy.Policy`.
+        """Actions for one observation or a batch, and what was seen so far; see
+        `agents.policies.policy.Policy`.
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
         """
@@ -54,13 +58,18 @@ class Replanner:
         views = seen.reshape(robots.size, *seen.shape[-2:])
         olds: Sequence[ReplannerState | None] = [None] * robots.size if state is None else state
         if episode_start is not None:
-            olds = [None if begins else old for old, begins in zip(olds, np.ravel(episode_start), strict=True)]
+            olds = [
+                None if begins else old
+                for old, begins in zip(olds, np.ravel(episode_start), strict=True)
+            ]
         each = zip(olds, robots.ravel().tolist(), goals.ravel().tolist(), views, strict=True)
         memories = tuple(self._look(old, robot, goal, view) for old, robot, goal, view in each)
         actions = [memory.moves[memory.last] for memory in memories]
         return np.array(actions).reshape(robots.shape), memories
 
-    def _look(self, old: ReplannerState | None, robot: int, goal: int, view: Bools) -> ReplannerState:
+    def _look(
+        self, old: ReplannerState | None, robot: int, goal: int, view: Bools
+    ) -> ReplannerState:
         """What the robot knows now, with a new plan where that differs from what it hoped for."""
         is_open = np.ones(self.shape, dtype=bool) if old is None else old.is_open.copy()
         i, j = divmod(robot, self.shape[1])
@@ -70,7 +79,9 @@ class Replanner:
             columns, seen_columns = _overlap(i, self.radius, self.shape[0])
             rows, seen_rows = _overlap(j, self.radius, self.shape[1])
             is_open[columns, rows] &= view[seen_columns, seen_rows]
-        if self.radius == 0 and old is not None and old.last == robot:  # it did not see that its move would be refused
+        if (
+            self.radius == 0 and old is not None and old.last == robot
+        ):  # it did not see that its move would be refused
             is_open[tuple(np.add((i, j), MOVES[old.moves[robot]]))] = False
         if old is not None and old.goal == goal and (is_open == old.is_open).all():
             return replace(old, last=robot)

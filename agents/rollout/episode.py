@@ -26,8 +26,9 @@ class EpisodeResult:
     spl
         Success weighted by path length: 0 for a failure, else oracle distance over distance.
     progress
-        Share of the way to the goal that lies behind the robot at the end, in metres to go along feasible cells; 1 at
-        the goal, 0 where it is farther away than at the start or has missed the target.
+        Share of the way to the goal that lies behind the robot at the end, in metres to go along
+        feasible cells; 1 at the goal, 0 where it is farther away than at the start or has missed
+        the target.
     refused, steps
         Numbers of refused moves and of all moves.
     total_reward
@@ -53,7 +54,9 @@ class EpisodeResult:
 
     @property
     def soft_spl(self) -> float:
-        """SPL with progress in place of success (Datta et al. 2020): a failure near the goal counts for something."""
+        """SPL with progress in place of success (Datta et al. 2020): a failure near the goal counts
+        for something.
+        """
         return self.progress * self.oracle_distance / max(self.oracle_distance, self.distance)
 
     @property
@@ -88,7 +91,9 @@ def roll_out(
     seed: int | None = None,
     options: dict[str, Any] | None = None,
 ) -> EpisodeResult:
-    """Play one episode of an `IrsNav-v0` or `IrsNavRandom-v0` made by `gymnasium.make`, which bounds its length."""
+    """Play one episode of an `IrsNav-v0` or `IrsNavRandom-v0` made by `gymnasium.make`, which
+    bounds its length.
+    """
     is_masked = takes_masks(policy)
     observation, start = env.reset(seed=seed, options=options)
     info, steps, total_reward, state, is_over, has_missed = start, 0, 0.0, None, False, False
@@ -106,7 +111,9 @@ def roll_out(
         distance=info["distance"],
         oracle_distance=start["oracle_distance"],
         spl=info["spl"],
-        progress=0.0 if has_missed else max(0.0, 1.0 - robot.distance_to_go / start["oracle_distance"]),
+        progress=0.0
+        if has_missed
+        else max(0.0, 1.0 - robot.distance_to_go / start["oracle_distance"]),
         refused=steps - (len(path) - 1),
         steps=steps,
         total_reward=total_reward,

@@ -1,4 +1,6 @@
-"""`play_scene_set`: the greedy episodes of a policy from the starts of all scenes of a pool at once."""
+"""`play_scene_set`: the greedy episodes of a policy from the starts of all scenes of a pool at
+once.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -34,7 +36,9 @@ class SceneSetResults:
 
     @property
     def spl(self) -> NDArray[np.float64]:
-        """Success weighted by path length: 0 for a failure, else oracle distance over distance, 1 at most."""
+        """Success weighted by path length: 0 for a failure, else oracle distance over distance, 1
+        at most.
+        """
         # sums of floats: an optimal path may come out a rounding shorter than the oracle's
         longer = np.maximum(self.distance, self.oracle_distance)
         return np.where(self.is_success, self.oracle_distance / longer, 0.0)
@@ -50,7 +54,8 @@ class SceneSetResults:
 def play_scene_set(
     policy: Policy, pool: SceneSet, observation: Observation = "flat", max_steps: int | None = None
 ) -> SceneSetResults:
-    """Greedy episodes of a policy, one in each scene, as in `IrsNavRandom-v0` from the scenes' own starts.
+    """Greedy episodes of a policy, one in each scene, as in `IrsNavRandom-v0` from the scenes' own
+    starts.
 
     Parameters
     ----------
@@ -85,17 +90,26 @@ def most_steps(pool: SceneSet) -> int:
     return max(400, 5 * sum(pool.shape))
 
 
-def roll_out_scene_set(policy: Policy, pool: SceneSet, observation: Observation, max_steps: int) -> SceneSetResults:
+def roll_out_scene_set(
+    policy: Policy, pool: SceneSet, observation: Observation, max_steps: int
+) -> SceneSetResults:
     """Episodes of any policy step by step, one in each scene of a pool; see `play_scene_set`."""
     ground = build_many_scenes(build_worlds(RandomTask(scenes=pool, observation=observation)))
     scenes, packing = np.arange(len(pool)), ground.packing
-    states, travelled = ground.states_of(scenes, pool.start, pool.goal), np.zeros(len(pool), dtype=np.complex128)
+    states, travelled = (
+        ground.states_of(scenes, pool.start, pool.goal),
+        np.zeros(len(pool), dtype=np.complex128),
+    )
     memory, is_over, first = None, np.zeros(len(pool), dtype=bool), np.ones(len(pool), dtype=bool)
     for _ in range(max_steps):
         # Those who have arrived are asked no more, unless the policy's memory has a place for each.
         asked = scenes if memory is not None else np.flatnonzero(~is_over)
-        rows = ground.observe(states[asked], np.empty((len(asked), packing.width), dtype=np.float32))
-        actions, memory = policy.predict(packing.unpack(rows), memory, first[asked], deterministic=True)
+        rows = ground.observe(
+            states[asked], np.empty((len(asked), packing.width), dtype=np.float32)
+        )
+        actions, memory = policy.predict(
+            packing.unpack(rows), memory, first[asked], deterministic=True
+        )
         first[:] = False
         moving = ~is_over[asked]
         outcome = ground.move(states[asked[moving]], np.asarray(actions)[moving])
@@ -107,7 +121,9 @@ def roll_out_scene_set(policy: Policy, pool: SceneSet, observation: Observation,
     return SceneSetResults(is_over, travelled.real, pool.oracle_distance)
 
 
-def follow(logits: NDArray[np.float32], pool: SceneSet, max_steps: int | None = None) -> SceneSetResults:
+def follow(
+    logits: NDArray[np.float32], pool: SceneSet, max_steps: int | None = None
+) -> SceneSetResults:
     """Follow the likeliest moves in each scene of a pool, refused into cells that are not feasible.
 
     Parameters
@@ -132,8 +148,11 @@ def follow(logits: NDArray[np.float32], pool: SceneSet, max_steps: int | None = 
     return SceneSetResults(cells == goals, distance, pool.oracle_distance)
 
 
-def _successors(moves: NDArray[np.int64], feasible: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Flat cell that a move in each cell leads to, and 0 for a refused, 1 for a straight, 2 for a diagonal move.
+def _successors(
+    moves: NDArray[np.int64], feasible: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Flat cell that a move in each cell leads to, and 0 for a refused, 1 for a straight, 2 for a
+    diagonal move.
 
     Both arguments have the shape ``(S, X, Y)``, both results ``(S, X * Y)``.
     """
@@ -143,4 +162,6 @@ def _successors(moves: NDArray[np.int64], feasible: NDArray[np.bool_]) -> tuple[
     padded = np.pad(feasible, ((0, 0), (1, 1), (1, 1)))
     is_legal = padded[np.arange(scenes)[:, None], i + di + 1, j + dj + 1]
     here = np.arange(columns * rows)
-    return np.where(is_legal, here + di * rows + dj, here), np.where(is_legal, np.abs(di) + np.abs(dj), 0)
+    return np.where(is_legal, here + di * rows + dj, here), np.where(
+        is_legal, np.abs(di) + np.abs(dj), 0
+    )

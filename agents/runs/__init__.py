@@ -1,1 +1,3 @@
-"""What training writes and evaluation reads: run folders, pretrained models and where they come from."""
+"""What training writes and evaluation reads: run folders, pretrained models and where they come
+from.
+"""

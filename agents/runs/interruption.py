@@ -1,4 +1,6 @@
-"""Interruption: how Ctrl-C, SIGTERM and SIGHUP end a command, in one line and with the shell's exit status."""
+"""Interruption: how Ctrl-C, SIGTERM and SIGHUP end a command, in one line and with the shell's exit
+status.
+"""
 
 import os
 import signal
@@ -23,8 +25,8 @@ class Interruption(KeyboardInterrupt):
 def exit_at_once(program: str) -> None:
     """From now on, let Ctrl-C end the process without raising anything.
 
-    For the time of imports and of the interpreter's end, which there is nothing to clean up after, and where an
-    exception would be swallowed or turned into another.
+    For the time of imports and of the interpreter's end, which there is nothing to clean up after,
+    and where an exception would be swallowed or turned into another.
     """
 
     def end(number: int, frame: Any) -> NoReturn:
@@ -35,7 +37,9 @@ def exit_at_once(program: str) -> None:
 
 
 def interruptible(program: str, command: Callable[[], int], signals: Sequence[int] = CTRL_C) -> int:
-    """Exit status of the command, or 128 + N and a line on stderr where one of the signals has ended it."""
+    """Exit status of the command, or 128 + N and a line on stderr where one of the signals has
+    ended it.
+    """
     try:
         with _handled(_raise, signals):
             return command()
@@ -74,7 +78,11 @@ def _handled(handler: Callable[[int, Any], None], signals: Sequence[int]) -> Ite
         return
 
     # A program under nohup is to outlive its terminal.
-    chosen = [each for each in signals if each == signal.SIGINT or signal.getsignal(each) is not signal.SIG_IGN]
+    chosen = [
+        each
+        for each in signals
+        if each == signal.SIGINT or signal.getsignal(each) is not signal.SIG_IGN
+    ]
     before = {each: signal.signal(each, handler) for each in chosen}
     try:
         yield

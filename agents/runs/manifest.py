@@ -31,7 +31,9 @@ class _Arrays(FileEntry):
     @classmethod
     def _holds_arrays(cls, file: str) -> str:
         if not file.endswith(".npz"):
-            raise ValueError(f"{file} is a model of an older version, and to read it could run its code: train anew")
+            raise ValueError(
+                f"{file} is a model of an older version, and to read it could run its code: train anew"
+            )
         return file
 
 
@@ -43,7 +45,9 @@ class ModelEntry(_Arrays):
 
 
 class GeneralistEntry(_Arrays):
-    """The file of a generalist, and how its greedy policy did on the scenes it was tested on when it was saved."""
+    """The file of a generalist, and how its greedy policy did on the scenes it was tested on when
+    it was saved.
+    """
 
     success: float  # share of the scenes
     spl: float  # mean over them
@@ -56,16 +60,22 @@ class Manifest(Record):
     status: Status = "running"
     versions: dict[str, str]
     commit: str | None
-    files: dict[str, str] = {}  # SHA-256 of ``config.json`` and of the copies beside it, by their names
+    files: dict[
+        str, str
+    ] = {}  # SHA-256 of ``config.json`` and of the copies beside it, by their names
     models: dict[str, ModelEntry | GeneralistEntry] = {}
     checkpoints: tuple[FileEntry, ...] = ()  # the newest first
     error: str | None = None  # why the run has failed
-    signature: str | None = None  # of all else here, with the key of the user who trains; see `agents.runs.signature`
+    signature: str | None = (
+        None  # of all else here, with the key of the user who trains; see `agents.runs.signature`
+    )
 
     @property
     def content(self) -> bytes:
         """What is signed."""
-        return json.dumps(self.model_dump(mode="json", exclude={"signature"}), sort_keys=True).encode()
+        return json.dumps(
+            self.model_dump(mode="json", exclude={"signature"}), sort_keys=True
+        ).encode()
 
 
 class Config(Record):
@@ -73,6 +83,8 @@ class Config(Record):
 
     algorithm: Algorithm | Generalist
     seed: int
-    env: dict[str, Any]  # fields of `irs_gym.mdp.task.Task`; for a generalist, of `train.config.Scenes`
+    env: dict[
+        str, Any
+    ]  # fields of `irs_gym.mdp.task.Task`; for a generalist, of `train.config.Scenes`
     agent: dict[str, Any]  # settings of the algorithm
     training: dict[str, Any]  # settings of the run

@@ -1,7 +1,8 @@
-"""`load_pretrained`: policies that come with the package, from ``models/``, and what is known of each.
+"""`load_pretrained`: policies that come with the package, from ``models/``, and what is known of
+each.
 
-A file holds the weights that act, as plain arrays: nothing in it is unpickled, and it is read only where its SHA-256
-stands in ``models/manifest.json``.
+A file holds the weights that act, as plain arrays: nothing in it is unpickled, and it is read only
+where its SHA-256 stands in ``models/manifest.json``.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -77,7 +78,9 @@ class PretrainedEntry(Record):
 
 
 class GeneralistPretrainedEntry(Record):
-    """A model that learned on many scenes: its file, where it comes from, and its score on validation scenes."""
+    """A model that learned on many scenes: its file, where it comes from, and its score on
+    validation scenes.
+    """
 
     file: str = Field(pattern=r"^[\w.-]+\.npz$")
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -111,7 +114,9 @@ class Models(Record):
             raise PretrainedError(f"{str(path)!r} is damaged: {where}: {first['msg']}") from None
 
     def find_generalist(self, algorithm: str) -> GeneralistPretrainedEntry:
-        """The model of an algorithm that learned on many scenes; the `PretrainedError` for none lists all."""
+        """The model of an algorithm that learned on many scenes; the `PretrainedError` for none
+        lists all.
+        """
         for entry in self.generalists:
             if entry.config.algorithm == algorithm:
                 return entry
@@ -124,8 +129,12 @@ class Models(Record):
         for entry in self.models:
             if entry.config.algorithm == algorithm and entry.problem == wanted:
                 return entry
-        known = "".join(f"\n  {each.config.algorithm}: {each.problem.label}" for each in self.models)
-        raise PretrainedError(f"no pretrained {algorithm!r} for {wanted.label}; there are{known or ' none'}")
+        known = "".join(
+            f"\n  {each.config.algorithm}: {each.problem.label}" for each in self.models
+        )
+        raise PretrainedError(
+            f"no pretrained {algorithm!r} for {wanted.label}; there are{known or ' none'}"
+        )
 
 
 @dataclass(frozen=True)
@@ -138,7 +147,8 @@ class Pretrained:
 
     @property
     def predict(self) -> Callable[..., tuple[NDArray[np.int64], Any]]:
-        """The `predict` of `agents.policies.policy.Policy`; that of MaskablePPO takes ``action_masks`` too.
+        """The `predict` of `agents.policies.policy.Policy`; that of MaskablePPO takes
+        ``action_masks`` too.
 
         It is that of Stable-Baselines3: PPO draws its moves unless ``deterministic=True`` is given.
         """
@@ -157,7 +167,9 @@ class Pretrained:
 
 @dataclass(frozen=True)
 class PretrainedGeneralist:
-    """A pretrained policy for scenes that it has never seen, as the environment of `make_env` shows them."""
+    """A pretrained policy for scenes that it has never seen, as the environment of `make_env` shows
+    them.
+    """
 
     entry: GeneralistPretrainedEntry
     policy: Any
@@ -169,7 +181,9 @@ class PretrainedGeneralist:
 
     @property
     def predict(self) -> Callable[..., tuple[NDArray[np.int64], Any]]:
-        """The `predict` of `agents.policies.policy.Policy`; what remembers needs its ``state`` handed back."""
+        """The `predict` of `agents.policies.policy.Policy`; what remembers needs its ``state``
+        handed back.
+        """
         predict: Callable[..., tuple[NDArray[np.int64], Any]] = self.policy.predict
         return predict
 
@@ -178,22 +192,25 @@ class PretrainedGeneralist:
         return gymnasium.make("irs_gym:IrsNavRandom-v0", render_mode=render_mode, **self.env)
 
 
-def load_pretrained(algorithm: str, *, folder: str | Path = MODELS, **env: Any) -> Pretrained | PretrainedGeneralist:
+def load_pretrained(
+    algorithm: str, *, folder: str | Path = MODELS, **env: Any
+) -> Pretrained | PretrainedGeneralist:
     """A pretrained policy for the environment with these arguments.
 
-    ``load_pretrained("ppo", target_db=-61.8)`` is a policy that fits ``load_pretrained(...).make_env()``, and so is
-    ``load_pretrained("planner", split="test")``.
+    ``load_pretrained("ppo", target_db=-61.8)`` is a policy that fits
+    ``load_pretrained(...).make_env()``, and so is ``load_pretrained("planner", split="test")``.
 
     Parameters
     ----------
     algorithm
-        ``"ppo"`` or ``"dqn"`` for one task; ``"planner"``, ``"explorer"`` and others for scenes never seen.
+        ``"ppo"`` or ``"dqn"`` for one task; ``"planner"``, ``"explorer"`` and others for scenes
+        never seen.
     folder
         Folder of the models.
     **env
-        Arguments of `irs_gym.mdp.task.Task`. Those that make the problem choose the model; of the others, such as
-        ``observation``, each that is given must be what the model was trained with. For scenes never seen, arguments of
-        `irs_gym.datasets.random_task.RandomTask`.
+        Arguments of `irs_gym.mdp.task.Task`. Those that make the problem choose the model; of the
+        others, such as ``observation``, each that is given must be what the model was trained with.
+        For scenes never seen, arguments of `irs_gym.datasets.random_task.RandomTask`.
 
     Raises
     ------
@@ -210,7 +227,9 @@ def load_pretrained(algorithm: str, *, folder: str | Path = MODELS, **env: Any) 
     for name in sorted(set(env) - fixed):
         trained = getattr(entry.task, name)
         if env[name] != trained:
-            raise PretrainedError(f"{entry.file} was trained with {name}={trained!r}, not {env[name]!r}")
+            raise PretrainedError(
+                f"{entry.file} was trained with {name}={trained!r}, not {env[name]!r}"
+            )
     return Pretrained(entry, _load(entry, entry.task, Path(folder)))
 
 
@@ -233,11 +252,15 @@ def _read(entry: PretrainedEntry | GeneralistPretrainedEntry, folder: Path) -> b
     content = path.read_bytes()
     digest = sha256(content).hexdigest()
     if digest != entry.sha256:
-        raise PretrainedError(f"{str(path)!r} is not loaded: its SHA-256 is {digest}, in the manifest {entry.sha256}")
+        raise PretrainedError(
+            f"{str(path)!r} is not loaded: its SHA-256 is {digest}, in the manifest {entry.sha256}"
+        )
     return content
 
 
-def _load(entry: PretrainedEntry | GeneralistPretrainedEntry, task: Task | None, folder: Path) -> Any:
+def _load(
+    entry: PretrainedEntry | GeneralistPretrainedEntry, task: Task | None, folder: Path
+) -> Any:
     content = _read(entry, folder)
     try:
         return load(entry.config, task, content)
@@ -245,14 +268,21 @@ def _load(entry: PretrainedEntry | GeneralistPretrainedEntry, task: Task | None,
         raise PretrainedError(f"{str(folder / entry.file)!r} is not loaded: {error}") from None
 
 
-def _load_generalist(entry: GeneralistPretrainedEntry, folder: Path, env: Mapping[str, Any]) -> PretrainedGeneralist:
+def _load_generalist(
+    entry: GeneralistPretrainedEntry, folder: Path, env: Mapping[str, Any]
+) -> PretrainedGeneralist:
     is_local = entry.config.algorithm in LOCAL
     task = random_task_of({"split": "test", **env} if "scenes" not in env else dict(env))
     if "observation" in env and (env["observation"] == "map") is is_local:
         kind = "'dict' or 'flat'" if is_local else "'map'"
-        raise PretrainedError(f"{entry.file} was trained with observation={kind}, not {env['observation']!r}")
+        raise PretrainedError(
+            f"{entry.file} was trained with observation={kind}, not {env['observation']!r}"
+        )
     policy = _load(entry, None, folder)
     if isinstance(policy, Explorer) and task.scenes is None:
         policy = replace(policy, shape=split_of(task.split).frame)
-    own = {"observation": observation_of(entry.config.algorithm), **({} if "scenes" in env else {"split": "test"})}
+    own = {
+        "observation": observation_of(entry.config.algorithm),
+        **({} if "scenes" in env else {"split": "test"}),
+    }
     return PretrainedGeneralist(entry, policy, {**own, **env})

@@ -1,4 +1,6 @@
-"""`Problem`: what a policy has to solve, and its name in tables; the part of a task that fixes the optimum."""
+"""`Problem`: what a policy has to solve, and its name in tables; the part of a task that fixes the
+optimum.
+"""
 
 import re
 from dataclasses import dataclass
@@ -17,15 +19,18 @@ PAPER_ELEMENTS = (1200,)
 
 @dataclass(frozen=True)
 class Problem:
-    """The map, the target and the rules; what an agent sees and how it is rewarded are no part of it.
+    """The map, the target and the rules; what an agent sees and how it is rewarded are no part of
+    it.
 
-    What has no effect is None: the quantiser of continuous phases, all of the IRS where there is none. So problems
-    are equal where their optimum is.
+    What has no effect is None: the quantiser of continuous phases, all of the IRS where there is
+    none. So problems are equal where their optimum is.
     """
 
     target_db: float
     scene: str | None
-    """Name of a scene of the package; one of the user's own has the start of its SHA-256 added. None with a map."""
+    """Name of a scene of the package; one of the user's own has the start of its SHA-256 added.
+    None with a map.
+    """
     radio_map: str | None
     """Start of the SHA-256 of a map from elsewhere."""
     cell_size: float
@@ -46,11 +51,20 @@ class Problem:
             parts.append(f"scene {self.scene}")
         if self.irs_elements not in ((), PAPER_ELEMENTS):
             parts.append(f"M = {' + '.join(map(str, self.irs_elements))}")
-        usual = {"cell_size": 0.5, "quantiser": "nearest", "array_model": "far_field", "constraint": "refuse"}
+        usual = {
+            "cell_size": 0.5,
+            "quantiser": "nearest",
+            "array_model": "far_field",
+            "constraint": "refuse",
+        }
         for name, value in usual.items():
-            if getattr(self, name) not in (value, None) and not (name == "cell_size" and self.radio_map):
+            if getattr(self, name) not in (value, None) and not (
+                name == "cell_size" and self.radio_map
+            ):
                 parts.append(f"{name.replace('_', ' ')} {getattr(self, name)}")
-        parts += [f"{name} {getattr(self, name)}" for name in ("start", "goal") if getattr(self, name)]
+        parts += [
+            f"{name} {getattr(self, name)}" for name in ("start", "goal") if getattr(self, name)
+        ]
         return ", ".join(parts)
 
     @property
@@ -61,7 +75,9 @@ class Problem:
 
     @property
     def order(self) -> tuple[int, float, str]:
-        """Sorts without IRS first, then from coarse to continuous phases, then from low to high targets."""
+        """Sorts without IRS first, then from coarse to continuous phases, then from low to high
+        targets.
+        """
         resolution = (self.phase_bits or 99) if self.irs_elements else 0
         return resolution, self.target_db, self.label
 
@@ -87,13 +103,16 @@ def problem_of(task: Task) -> Problem:
     task, radio_map, scene, elements = resolved(task), None, None, ()
     if isinstance(given := task.radio_map, RadioMap):
         cells = repr((given.grid.origin, given.grid.cell_size, given.gain_db.shape)).encode()
-        # a map with free cells that receive nothing is another one; all others keep the digest they had
+        # a map with free cells that receive nothing is another one; all others keep the digest they
+        # had
         has_silence = not np.array_equal(given.free, np.isfinite(given.gain_db))
         silence = given.free.tobytes() if has_silence else b""
         radio_map = _digest(cells + given.gain_db.tobytes() + silence)
     elif isinstance(own := task.scene, Scene):
         scene = _scene_name(own)
-        elements = tuple(panel.elements for panel in own.with_irs_elements(task.irs_elements).irs_panels)
+        elements = tuple(
+            panel.elements for panel in own.with_irs_elements(task.irs_elements).irs_panels
+        )
     has_irs = bool(elements)
     return Problem(
         target_db=task.target_db,

@@ -12,7 +12,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, of `irs_gym`, and of the packages that results hang on, where they are installed."""
+    """Versions of Python, of `irs_gym`, and of the packages that results hang on, where they are
+    installed.
+    """
     found = {"python": platform.python_version(), "irs_gym": irs_gym.__version__}
     for package in PACKAGES:
         try:
@@ -23,7 +25,9 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str | None:
-    """Commit of this checkout, with ``+changes`` where its files differ from it; None outside a git checkout."""
+    """Commit of this checkout, with ``+changes`` where its files differ from it; None outside a git
+    checkout.
+    """
     if not (ROOT / ".git").exists():
         return None
     try:
@@ -34,4 +38,6 @@ def commit() -> str | None:
 
 def _git(*arguments: str) -> str:
     command = ["git", "-C", str(ROOT), *arguments]
-    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=30).stdout.strip()
+    return subprocess.run(
+        command, check=True, capture_output=True, text=True, timeout=30
+    ).stdout.strip()

@@ -1,17 +1,20 @@
 """`Run`: the folder of one training run, which training writes and evaluation reads.
 
-- ``manifest.json``: status, versions, commit, and the SHA-256 of all files below but the curve, signed with a key of
-  the user's own. It makes a folder a run.
-- ``config.json``: algorithm, seed, environment and settings; a scene or map of the user's own is copied beside it.
+- ``manifest.json``: status, versions, commit, and the SHA-256 of all files below but the curve,
+  signed with a key of the user's own. It makes a folder a run.
+- ``config.json``: algorithm, seed, environment and settings; a scene or map of the user's own is
+  copied beside it.
 - ``learning_curve.csv``: a row for each evaluation during training.
 - ``best-STEPS.npz``, ``last-STEPS.npz``: models, as plain arrays.
-- ``checkpoint-STEPS.pickle``: the state of a training that has not ended, to go on from; the newest two.
+- ``checkpoint-STEPS.pickle``: the state of a training that has not ended, to go on from; the newest
+  two.
 
-Nothing but a checkpoint is ever unpickled, and that only where the user goes on with a run: one that the signature
-tells to be of the user's own, or that the user trusts.
+Nothing but a checkpoint is ever unpickled, and that only where the user goes on with a run: one
+that the signature tells to be of the user's own, or that the user trusts.
 
-Files are replaced as a whole, and a new model gets a new name, so that a run killed at any moment leaves a manifest
-and the files that it names. Whoever changes the folder NAME holds the lock ``.NAME.lock`` beside it.
+Files are replaced as a whole, and a new model gets a new name, so that a run killed at any moment
+leaves a manifest and the files that it names. Whoever changes the folder NAME holds the lock
+``.NAME.lock`` beside it.
 """
 
 import csv
@@ -40,7 +43,10 @@ from irs_gym.radio.scene import scene_names
 CHECKPOINTS = 2  # kept, so that there is one to fall back on
 # bytes at most in a file, by its suffix; a checkpoint may hold a large replay buffer
 MOST_BYTES = {".json": 2**22, ".npz": 2**28, ".pickle": 2**34}
-COPIES = {"scene": "scene.json", "radio_map": "radio_map.npz"}  # of the user's own files, within the folder
+COPIES = {
+    "scene": "scene.json",
+    "radio_map": "radio_map.npz",
+}  # of the user's own files, within the folder
 
 
 class RunError(ValueError):
@@ -62,7 +68,8 @@ class Run:
 
     @classmethod
     def create(cls, folder: str | Path, config: Config, *, overwrite: bool = False) -> "Run":
-        """A new run folder with its configuration, in place of an old run where ``overwrite`` is set.
+        """A new run folder with its configuration, in place of an old run where ``overwrite`` is
+        set.
 
         Raises
         ------
@@ -84,7 +91,10 @@ class Run:
         try:
             _remove_leftovers(target)
             draft.folder.mkdir()
-            draft._write("config.json", config.model_copy(update={"env": _with_copies(config.env, draft.folder)}))
+            draft._write(
+                "config.json",
+                config.model_copy(update={"env": _with_copies(config.env, draft.folder)}),
+            )
             origin = {"versions": provenance.versions(), "commit": provenance.commit()}
             draft._write("manifest.json", _signed(Manifest(files=_digests(draft.folder), **origin)))
             _put_in_place(draft.folder, target, aside)
@@ -106,16 +116,24 @@ class Run:
     def check_vacant(self, *, overwrite: bool) -> None:
         """Raise `RunError` where `create` would."""
         if self.folder.is_symlink():
-            raise RunError(f"{str(self.folder)!r} is a symbolic link: name the folder that it leads to")
+            raise RunError(
+                f"{str(self.folder)!r} is a symbolic link: name the folder that it leads to"
+            )
         target, here = self.folder.absolute(), Path.cwd()
         if target.exists() and any(target.samefile(each) for each in (here, *here.parents)):
-            raise RunError(f"{str(self.folder)!r} holds the folder that this program runs in: name another folder")
+            raise RunError(
+                f"{str(self.folder)!r} holds the folder that this program runs in: name another folder"
+            )
         if not self.folder.exists() or (self.folder.is_dir() and not any(self.folder.iterdir())):
             return
         if not (self.folder / "manifest.json").is_file():
-            raise RunError(f"{str(self.folder)!r} exists and is not a run folder: it is never replaced")
+            raise RunError(
+                f"{str(self.folder)!r} exists and is not a run folder: it is never replaced"
+            )
         if not overwrite:
-            raise RunError(f"{str(self.folder)!r} holds a run: name another folder, or replace it with --overwrite")
+            raise RunError(
+                f"{str(self.folder)!r} holds a run: name another folder, or replace it with --overwrite"
+            )
 
     @property
     def manifest(self) -> Manifest:
@@ -128,7 +146,9 @@ class Run:
         return self._parse("config.json", self._checked("config.json"), Config)
 
     def own_manifest(self) -> Manifest:
-        """The manifest, when this user has signed it; else a `RunError`, as its checkpoint may hold anyone's code."""
+        """The manifest, when this user has signed it; else a `RunError`, as its checkpoint may hold
+        anyone's code.
+        """
         manifest = self.manifest
         try:
             if signature.verify(manifest.content, manifest.signature):
@@ -156,7 +176,9 @@ class Run:
     def task(self) -> Task:
         """The environment that was trained on; raises `RunError` for a generalist."""
         if self.is_generalist:
-            raise RunError(f"{str(self.folder)!r} is a run of {self.config.algorithm}, which learned on many scenes")
+            raise RunError(
+                f"{str(self.folder)!r} is a run of {self.config.algorithm}, which learned on many scenes"
+            )
         arguments = dict(self.config.env)
         for name, copy in COPIES.items():
             if arguments.get(name) == copy:
@@ -164,7 +186,9 @@ class Run:
                 arguments[name] = self.folder / copy
             elif arguments.get(name) not in (None, *(scene_names() if name == "scene" else ())):
                 where = str(self.folder / "config.json")
-                raise RunError(f"{where!r}: {name}={arguments[name]!r} is not in the folder: a run has a copy, {copy}")
+                raise RunError(
+                    f"{where!r}: {name}={arguments[name]!r} is not in the folder: a run has a copy, {copy}"
+                )
         try:
             return task_of(arguments)
         except (TypeError, ValueError) as error:
@@ -188,8 +212,12 @@ class Run:
             lock = FileLock(path)
             lock.acquire(timeout=0.1)
         except Timeout:
-            if not os.path.lexists(path):  # which the lock takes for another process that is just making it
-                raise RunError(f"{str(self.folder)!r} cannot be locked: {str(path)!r} cannot be made") from None
+            if not os.path.lexists(
+                path
+            ):  # which the lock takes for another process that is just making it
+                raise RunError(
+                    f"{str(self.folder)!r} cannot be locked: {str(path)!r} cannot be made"
+                ) from None
             raise LockedError(f"{str(self.folder)!r} is being trained by another process") from None
         except (OSError, RuntimeError) as error:  # the latter for links that lead in a circle
             raise RunError(f"{str(self.folder)!r} cannot be locked: {error}") from None
@@ -215,10 +243,11 @@ class Run:
                 path.unlink(missing_ok=True)
 
     def save_model(self, name: str, model: Any, steps: int, **result: Any) -> None:
-        """Write what acts of a model under a name (``"best"``, ``"last"``), in place of the one before it.
+        """Write what acts of a model under a name (``"best"``, ``"last"``), in place of the one
+        before it.
 
-        ``result`` is how it did in its test: the other fields of `ModelEntry`, or for a generalist of
-        `GeneralistEntry`.
+        ``result`` is how it did in its test: the other fields of `ModelEntry`, or for a generalist
+        of `GeneralistEntry`.
         """
         file = f"{name}-{steps}.npz"
         digest = self._write_hashed(file, weights.pack(self.config, model))
@@ -232,7 +261,8 @@ class Run:
         Raises
         ------
         RunError
-            Where the manifest lists no such model, or its file is missing, another, or does not fit the configuration.
+            Where the manifest lists no such model, or its file is missing, another, or does not fit
+            the configuration.
         """
         content, config = self.read_model(name), self.config
         try:
@@ -255,7 +285,11 @@ class Run:
         older = [each for each in self.manifest.checkpoints if each.file != file]
         self.update(checkpoints=(entry, *older)[:CHECKPOINTS])
 
-    def rewind(self, checkpoint: FileEntry, models: Mapping[str, tuple[ModelEntry | GeneralistEntry, bytes]]) -> None:
+    def rewind(
+        self,
+        checkpoint: FileEntry,
+        models: Mapping[str, tuple[ModelEntry | GeneralistEntry, bytes]],
+    ) -> None:
         """Go back to where a checkpoint was written, with the models that there were then."""
         for entry, content in models.values():
             write_file(self.folder / entry.file, content)
@@ -271,7 +305,9 @@ class Run:
                 path.unlink()
 
     def read(self, entry: FileEntry) -> bytes:
-        """Content of a file that the manifest lists; raises `RunError` where it is missing or another."""
+        """Content of a file that the manifest lists; raises `RunError` where it is missing or
+        another.
+        """
         return self._checked(entry.file, entry.sha256)
 
     def write_curve(self, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -283,7 +319,9 @@ class Run:
         write_file(self.folder / "learning_curve.csv", text.getvalue().encode())
 
     def _checked(self, name: str, digest: str | None = None) -> bytes:
-        """Content of a file, which must have that SHA-256, by default the one of the manifest's `files`."""
+        """Content of a file, which must have that SHA-256, by default the one of the manifest's
+        `files`.
+        """
         path = str(self.folder / name)
         wanted = digest or self.manifest.files.get(name)
         if wanted is None:
@@ -291,7 +329,9 @@ class Run:
         content = self._content(name)
         found = sha256(content).hexdigest()
         if found != wanted:
-            raise RunError(f"{path!r} is not loaded: its SHA-256 is {found}, and {wanted} in the manifest")
+            raise RunError(
+                f"{path!r} is not loaded: its SHA-256 is {found}, and {wanted} in the manifest"
+            )
         return content
 
     def _content(self, name: str) -> bytes:
@@ -310,7 +350,9 @@ class Run:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))
-            raise RunError(f"{str(self.folder / name)!r} is damaged: {where or 'the file'}: {first['msg']}") from None
+            raise RunError(
+                f"{str(self.folder / name)!r} is damaged: {where or 'the file'}: {first['msg']}"
+            ) from None
         except ValueError as error:
             raise RunError(str(error)) from None
 
@@ -344,7 +386,9 @@ def _is_own(manifest: Manifest) -> bool:
 
 
 def _put_in_place(draft: Path, target: Path, aside: Path) -> None:
-    """Rename the draft to the target, and what is there to ``aside``; where that fails, all is as it was."""
+    """Rename the draft to the target, and what is there to ``aside``; where that fails, all is as
+    it was.
+    """
     try:
         if target.exists():
             target.rename(aside)
@@ -356,7 +400,9 @@ def _put_in_place(draft: Path, target: Path, aside: Path) -> None:
 
 
 def _remove_leftovers(target: Path) -> None:
-    """Remove what processes that were killed while they made a run have left beside its folder, which is locked."""
+    """Remove what processes that were killed while they made a run have left beside its folder,
+    which is locked.
+    """
     pattern = re.compile(rf"\.{re.escape(target.name)}\.\d+(\.old)?")
     for path in target.parent.iterdir():
         if pattern.fullmatch(path.name) and path.is_symlink():

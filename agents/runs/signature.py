@@ -1,7 +1,8 @@
-"""`sign`: the HMAC of a content with a key of this user's own, by which what was made here is known again.
+"""`sign`: the HMAC of a content with a key of this user's own, by which what was made here is known
+again.
 
-The key is made on demand: a file that this user alone can read, at the path in ``IRS_GYM_KEY``, else in the user's
-folder for settings. Machines that share runs may share such a file.
+The key is made on demand: a file that this user alone can read, at the path in ``IRS_GYM_KEY``,
+else in the user's folder for settings. Machines that share runs may share such a file.
 """
 
 import hmac
@@ -25,7 +26,9 @@ def sign(content: bytes) -> str:
 
 
 def verify(content: bytes, signature: str | None) -> bool:
-    """Whether that is the content's signature by this user; raises `NoKeyError` where there can be no key."""
+    """Whether that is the content's signature by this user; raises `NoKeyError` where there can be
+    no key.
+    """
     return hmac.compare_digest(sign(content), signature or "")
 
 
@@ -53,19 +56,27 @@ def _key() -> bytes:
             _make(path)
         found = path.stat()
         if not stat.S_ISREG(found.st_mode) or found.st_size != _BYTES:
-            raise NoKeyError(f"{str(path)!r} is not a file of {_BYTES} bytes: remove it, and a new key is made")
+            raise NoKeyError(
+                f"{str(path)!r} is not a file of {_BYTES} bytes: remove it, and a new key is made"
+            )
         if os.name == "posix" and (found.st_uid != os.geteuid() or found.st_mode & 0o077):
-            raise NoKeyError(f"{str(path)!r} must belong to this user, and nobody else may read it: chmod 600")
+            raise NoKeyError(
+                f"{str(path)!r} must belong to this user, and nobody else may read it: chmod 600"
+            )
         return path.read_bytes()
     except OSError as error:
         raise NoKeyError(f"{str(path)!r}: {error.strerror}") from None
 
 
 def _make(path: Path) -> None:
-    """Make a key, unless another process is first: a key is there whole, or not at all, and never replaced."""
+    """Make a key, unless another process is first: a key is there whole, or not at all, and never
+    replaced.
+    """
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
-    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
+    descriptor = os.open(
+        draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600
+    )
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(secrets.token_bytes(_BYTES))

@@ -1,4 +1,5 @@
-"""`pack` and `load`: a model's file, which holds plain arrays, and the policy that is rebuilt around them.
+"""`pack` and `load`: a model's file, which holds plain arrays, and the policy that is rebuilt
+around them.
 
 The file holds the weights that act, and `agents.runs.manifest.Config` all else that makes the
 policy: the algorithm, its
@@ -28,7 +29,12 @@ from irs_gym.grid import MOVES
 from irs_gym.mdp.observation import Packing
 from irs_gym.mdp.task import Task, build_world
 
-_IDLE = ("value_net", "target", "lstm_critic", "vf_features_extractor")  # parts of names: for training alone
+_IDLE = (
+    "value_net",
+    "target",
+    "lstm_critic",
+    "vf_features_extractor",
+)  # parts of names: for training alone
 _IRS_OF_MANY_SCENES = 3  # numbers that an observation of `IrsNavRandom-v0` tells of the IRS
 
 
@@ -45,7 +51,9 @@ def pack(config: Config, model: Any) -> bytes:
     if config.algorithm not in STABLE_BASELINES:
         model.save(content)
         return content.getvalue()
-    weights = {name: each.numpy() for name, each in model.policy.state_dict().items() if _acts(name)}
+    weights = {
+        name: each.numpy() for name, each in model.policy.state_dict().items() if _acts(name)
+    }
     np.savez_compressed(content, **weights)
     return content.getvalue()
 
@@ -65,13 +73,18 @@ def load(config: Config, task: Task | None, content: bytes) -> Any:
     OSError
         Where a scene or map file of the task cannot be read.
     ValueError
-        `WeightsError` where the file is damaged or does not fit the configuration; also where the task cannot be made.
+        `WeightsError` where the file is damaged or does not fit the configuration; also where the
+        task cannot be made.
     """
     if config.algorithm in STABLE_BASELINES:
         return _rebuild(config, _space_of(config, task), _read(content))
     shape = None if task is None else build_world(task).feasible.shape
     try:
-        return read_network(content) if shape is None else QLearning.of(read_arrays(content, limit=FILE_BYTES), shape)
+        return (
+            read_network(content)
+            if shape is None
+            else QLearning.of(read_arrays(content, limit=FILE_BYTES), shape)
+        )
     except ValueError as error:
         raise WeightsError(str(error)) from None
 
@@ -99,13 +112,19 @@ def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDA
     try:
         agent = TypeAdapter(settings_class(config.algorithm)).validate_python(config.agent)
     except ValidationError as error:
-        raise WeightsError(f"its settings are wrong: {error.errors(include_url=False)[0]['msg']}") from None
-    if _least(agent, space) > sum(each.size for each in weights.values()):  # before networks are made that fill memory
+        raise WeightsError(
+            f"its settings are wrong: {error.errors(include_url=False)[0]['msg']}"
+        ) from None
+    if _least(agent, space) > sum(
+        each.size for each in weights.values()
+    ):  # before networks are made that fill memory
         raise WeightsError("it does not fit its configuration, whose networks are larger")
 
     make = model_class(config.algorithm).policy_aliases[agent.policy_name(space)]
     policy = make(space, spaces.Discrete(len(MOVES)), lambda _: 0.0, **agent.policy_kwargs())
-    wanted = {name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)}
+    wanted = {
+        name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)
+    }
     found = {name: _kind(each) for name, each in weights.items()}
     for name in sorted({*wanted, *found}):
         if found.get(name) != wanted.get(name):
@@ -113,7 +132,9 @@ def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDA
                 f"it does not fit its configuration: {name} is {found.get(name, 'missing')}, "
                 f"not {wanted.get(name, 'asked for')}"
             )
-    policy.load_state_dict({name: torch.from_numpy(each) for name, each in weights.items()}, strict=False)
+    policy.load_state_dict(
+        {name: torch.from_numpy(each) for name, each in weights.items()}, strict=False
+    )
     policy.set_training_mode(False)
     return policy
 

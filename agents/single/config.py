@@ -70,7 +70,9 @@ class AgentConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkConfig(AgentConfig):
-    """Settings of the algorithms of Stable-Baselines3 under its own names, so that each is handed on as it is."""
+    """Settings of the algorithms of Stable-Baselines3 under its own names, so that each is handed
+    on as it is.
+    """
 
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch",)  # handed on to the networks
     env_settings: ClassVar[tuple[str, ...]] = ()  # handed on to the environment
@@ -110,4 +112,7 @@ class NetworkConfig(AgentConfig):
 
     def policy_kwargs(self) -> dict[str, Any]:
         """What is handed on to the networks."""
-        return {**{name: getattr(self, name) for name in self.policy_settings}, "net_arch": list(self.net_arch)}
+        return {
+            **{name: getattr(self, name) for name in self.policy_settings},
+            "net_arch": list(self.net_arch),
+        }

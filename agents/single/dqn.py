@@ -17,11 +17,14 @@ class DqnConfig(NetworkConfig):
     learning_rate: float = 1e-3
     final_learning_rate: float = 1e-5
     gamma: float = 0.98
-    """Discount factor: nearer to 1, the values that a narrow choice must tell apart span a wider range."""
+    """Discount factor: nearer to 1, the values that a narrow choice must tell apart span a wider
+    range.
+    """
     net_arch: tuple[int, ...] = (128, 128)
     n_steps: int = 1
-    """Rewards that a return adds up before the value of the state thereafter: with more, random moves among them make
-    narrow passages look worse than they are, and the agent settles on a longer route."""
+    """Rewards that a return adds up before the value of the state thereafter: with more, random
+    moves among them make narrow passages look worse than they are, and the agent settles on a
+    longer route."""
     batch_size: int = 512
     """Transitions in a minibatch."""
     train_freq: int = 1
@@ -45,7 +48,9 @@ class DqnConfig(NetworkConfig):
         super().__post_init__()
         self._check_whole("n_steps", "batch_size", "train_freq", "gradient_steps")
         self._check_whole("buffer_size", "target_update_interval")
-        self._check_share("exploration_initial_eps", "exploration_final_eps", "exploration_fraction")
+        self._check_share(
+            "exploration_initial_eps", "exploration_final_eps", "exploration_fraction"
+        )
         if self.learning_starts < 0:
             raise ValueError(f"learning_starts={self.learning_starts} must not be negative")
         if self.buffer_size < self.n_envs * self.n_steps:

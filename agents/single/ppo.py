@@ -28,7 +28,9 @@ class PpoConfig(NetworkConfig):
     gae_lambda: float = 0.98
     """Trade-off between bias and variance in the advantages."""
     ent_coef: float = 0.05
-    """Weight of the entropy bonus: with less, the policy may settle on a route that is a little too long."""
+    """Weight of the entropy bonus: with less, the policy may settle on a route that is a little too
+    long.
+    """
     clip_range: float = 0.2
     """Largest change of an action's probability ratio that is rewarded."""
 

@@ -1,4 +1,6 @@
-"""`QLearning`: tabular Q-learning over the cells, which no network should fall behind; and `QLearningConfig`."""
+"""`QLearning`: tabular Q-learning over the cells, which no network should fall behind; and
+`QLearningConfig`.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ class QLearningConfig(AgentConfig):
 
     total_timesteps: int = 400_000
     learning_rate: float = 1.0
-    """Weight of a new return against the old value, at the start; moves are certain here, so none need be averaged."""
+    """Weight of a new return against the old value, at the start; moves are certain here, so none
+    need be averaged.
+    """
     final_learning_rate: float = 1.0
     """The same at the end of the schedule."""
     gamma: float = 0.99
@@ -39,7 +43,12 @@ class QLearningConfig(AgentConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check_share("learning_rate", "final_learning_rate", "exploration_initial_eps", "exploration_final_eps")
+        self._check_share(
+            "learning_rate",
+            "final_learning_rate",
+            "exploration_initial_eps",
+            "exploration_final_eps",
+        )
 
     def build(self, env: VecEnv, seed: int) -> QLearning:
         """The model, untrained. ``env`` should hold `n_envs` environments."""
@@ -53,7 +62,8 @@ class QLearning:
     Attributes
     ----------
     table
-        Values of the eight actions in each flat cell, shape ``(X * Y, 8)``, for the one goal of its environment.
+        Values of the eight actions in each flat cell, shape ``(X * Y, 8)``, for the one goal of its
+        environment.
     num_timesteps
         Steps trained so far, over all environments.
     """
@@ -75,21 +85,36 @@ class QLearning:
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> QLearning:
-        """What acts by the table of a file; raises ``ValueError`` where that is none for a grid of that shape."""
+        """What acts by the table of a file; raises ``ValueError`` where that is none for a grid of
+        that shape.
+        """
         table = arrays.get("table")
         wanted = (math.prod(shape), 8)
-        if set(arrays) != {"table"} or table is None or table.dtype != np.float64 or table.shape != wanted:
+        if (
+            set(arrays) != {"table"}
+            or table is None
+            or table.dtype != np.float64
+            or table.shape != wanted
+        ):
             held = {name: (each.dtype.name, each.shape) for name, each in arrays.items()}
             raise ValueError(f"it holds {held}, not one table of float64 of shape {wanted}")
         return cls(table, shape)
 
     def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
     ) -> tuple[NDArray[np.int64], Any]:
         """Actions for one observation or a batch, as `agents.policies.policy.Policy` says."""
-        return self._act(self._decode(observation), 0.0 if deterministic else self.exploration_rate), state
+        return self._act(
+            self._decode(observation), 0.0 if deterministic else self.exploration_rate
+        ), state
 
-    def learn(self, total_timesteps: int, callback: BaseCallback, reset_num_timesteps: bool = True) -> QLearning:
+    def learn(
+        self, total_timesteps: int, callback: BaseCallback, reset_num_timesteps: bool = True
+    ) -> QLearning:
         """Train for so many steps, on top of those so far unless ``reset_num_timesteps``."""
         env = self.get_env()
         if reset_num_timesteps or self._cells is None:
@@ -110,7 +135,9 @@ class QLearning:
     @property
     def exploration_rate(self) -> float:
         """Probability of a random move."""
-        return self._scheduled(self.config.exploration_initial_eps, self.config.exploration_final_eps)
+        return self._scheduled(
+            self.config.exploration_initial_eps, self.config.exploration_final_eps
+        )
 
     @property
     def learning_rate(self) -> float:
@@ -147,11 +174,15 @@ class QLearning:
     def _act(self, cells: NDArray[np.int64], epsilon: float) -> NDArray[np.int64]:
         """The action of greatest value, the first of equals, or with the given probability any."""
         is_random = self._rng.random(cells.shape) < epsilon
-        return np.where(is_random, self._rng.integers(8, size=cells.shape), self.table[cells].argmax(axis=-1))
+        return np.where(
+            is_random, self._rng.integers(8, size=cells.shape), self.table[cells].argmax(axis=-1)
+        )
 
     def _scheduled(self, start: float, end: float) -> float:
         return start + min(self.num_timesteps / self.config.total_timesteps, 1.0) * (end - start)
 
     def _decode(self, observation: Any) -> NDArray[np.int64]:
         """Flat cells of the robots."""
-        return np.asarray(observation) if is_cell(observation) else decode(observation, self.shape)[0]
+        return (
+            np.asarray(observation) if is_cell(observation) else decode(observation, self.shape)[0]
+        )

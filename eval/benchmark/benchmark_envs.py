@@ -1,4 +1,6 @@
-"""Contenders of `python -m eval speed`: environments of this package and of others, stepped by random actions."""
+"""Contenders of `python -m eval speed`: environments of this package and of others, stepped by
+random actions.
+"""
 
 import warnings
 from collections.abc import Callable
@@ -15,7 +17,9 @@ from irs_gym.mdp.observation import build_observer
 
 ID = "irs_gym:IrsNav-v0"
 CYCLE = 401  # steps of a whole episode of IrsNav-v0 under random actions, the reset included
-BenchmarkEnvs = dict[str, tuple[str, Callable[[], Steps]]]  # by name: the package it needs, and how to prepare it
+BenchmarkEnvs = dict[
+    str, tuple[str, Callable[[], Steps]]
+]  # by name: the package it needs, and how to prepare it
 
 SINGLE: BenchmarkEnvs = {
     "IrsNav-v0": ("irs_gym", lambda: single(ID)),
@@ -37,15 +41,26 @@ def vector(num_envs: int) -> BenchmarkEnvs:
         "IrsNav-v0, infos='all'": ("irs_gym", lambda: batch(ID, num_envs, infos="all")),
         "IrsNav-v0, infos=[]": ("irs_gym", lambda: batch(ID, num_envs, infos=[])),
         "bare np.take": ("irs_gym", lambda: bare_take(num_envs)),
-        "CartPole-v1": ("gymnasium", lambda: batch("CartPole-v1", num_envs, vectorization_mode="vector_entry_point")),
+        "CartPole-v1": (
+            "gymnasium",
+            lambda: batch("CartPole-v1", num_envs, vectorization_mode="vector_entry_point"),
+        ),
         "EnvPool FrozenLake-v1": ("envpool", lambda: envpool_batch("FrozenLake-v1", num_envs)),
-        "Navix Empty-16x16": ("navix", lambda: import_module("eval.benchmark.jax_envs").navix_batch(num_envs)),
-        "Jumanji Maze": ("jumanji", lambda: import_module("eval.benchmark.jax_envs").jumanji_batch(num_envs)),
+        "Navix Empty-16x16": (
+            "navix",
+            lambda: import_module("eval.benchmark.jax_envs").navix_batch(num_envs),
+        ),
+        "Jumanji Maze": (
+            "jumanji",
+            lambda: import_module("eval.benchmark.jax_envs").jumanji_batch(num_envs),
+        ),
     }
 
 
 def prepare(contenders: BenchmarkEnvs) -> tuple[dict[str, Steps], dict[str, str]]:
-    """The contenders whose package is installed, ready to run; and the packages of those left out, by name."""
+    """The contenders whose package is installed, ready to run; and the packages of those left out,
+    by name.
+    """
     ready, left_out = {}, {}
     for name, (package, make) in contenders.items():
         try:
@@ -64,7 +79,11 @@ def single(env_id: str, **arguments: Any) -> Steps:
     env.reset(seed=0)
     env.action_space.seed(0)
     samples = [env.action_space.sample() for _ in range(1024)]
-    actions = cycle([int(each) for each in samples] if isinstance(env.action_space, spaces.Discrete) else samples)
+    actions = cycle(
+        [int(each) for each in samples]
+        if isinstance(env.action_space, spaces.Discrete)
+        else samples
+    )
 
     def steps(calls: int) -> int:
         for action in islice(actions, calls):
@@ -77,7 +96,9 @@ def single(env_id: str, **arguments: Any) -> Steps:
 
 
 def batch(env_id: str, num_envs: int, **arguments: Any) -> Steps:
-    """A vector environment as `gymnasium.make_vec` gives it, with what it does at the end of episodes."""
+    """A vector environment as `gymnasium.make_vec` gives it, with what it does at the end of
+    episodes.
+    """
     env = gymnasium.make_vec(env_id, num_envs=num_envs, **arguments)
     env.reset(seed=0)
     actions = cycle(_actions(env.single_action_space.n, num_envs))
@@ -91,7 +112,8 @@ def batch(env_id: str, num_envs: int, **arguments: Any) -> Steps:
 
 
 def bare_take(num_envs: int) -> Steps:
-    """The gather of the rows of observations that `batch` returns, into one buffer, and nothing else.
+    """The gather of the rows of observations that `batch` returns, into one buffer, and nothing
+    else.
 
     No environment that keeps its observations in a table can be faster.
     """

@@ -1,4 +1,6 @@
-"""Costs of what happens once in a while: a reset, a frame, an import; each a list of repeated measurements."""
+"""Costs of what happens once in a while: a reset, a frame, an import; each a list of repeated
+measurements.
+"""
 
 import subprocess
 import sys
@@ -51,9 +53,17 @@ def resets(repeats: int) -> list[EventCost]:
     return [
         _reset("the scene's start and goal", repeats, env.reset),
         _reset("a new start", repeats, lambda: env.reset(options={"start": next(cells)})),
-        _reset("a new start and a goal used before", repeats, lambda: env.reset(options=_ends(cells, goal))),
+        _reset(
+            "a new start and a goal used before",
+            repeats,
+            lambda: env.reset(options=_ends(cells, goal)),
+        ),
         _reset("1,024 environments, each with a new start", max(1, repeats // 10), many.reset),
-        _reset("a new start and a new goal", repeats, lambda: env.reset(options=_ends(cells, next(cells)))),
+        _reset(
+            "a new start and a new goal",
+            repeats,
+            lambda: env.reset(options=_ends(cells, next(cells))),
+        ),
     ]
 
 
@@ -78,7 +88,9 @@ def frames(repeats: int) -> list[EventCost]:
 def imports(repeats: int) -> list[EventCost]:
     """Imports in a new Python each, of this package and, for comparison, of Gymnasium alone."""
     return [
-        EventCost(f"import {package}", Spread.of([_import_seconds(package) for _ in range(repeats)]))
+        EventCost(
+            f"import {package}", Spread.of([_import_seconds(package) for _ in range(repeats)])
+        )
         for package in ("irs_gym", "gymnasium")
     ]
 
@@ -109,5 +121,7 @@ def _seconds(call: Callable[[], Any]) -> float:
 
 def _import_seconds(package: str) -> float:
     code = f"from time import perf_counter as now; began = now(); import {package}; print(now() - began)"
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT
+    )
     return float(done.stdout)

@@ -36,7 +36,9 @@ def _scanned(step: Callable[[Any, Any], Any], first: Any, actions: int, num_envs
     @jax.jit
     def stride(state: Any, key: Any) -> Any:
         chosen = jax.random.randint(key, (STRIDE, num_envs), 0, actions)
-        return jax.lax.scan(lambda carry, action: (step(carry, action), jnp.zeros(())), state, chosen)[0]
+        return jax.lax.scan(
+            lambda carry, action: (step(carry, action), jnp.zeros(())), state, chosen
+        )[0]
 
     state, key = first, jax.random.PRNGKey(1)
 

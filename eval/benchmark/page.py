@@ -73,7 +73,10 @@ def markdown(results: dict[str, Any]) -> str:
 def tables(results: dict[str, Any]) -> list[Rows]:
     """The bars, then a table for each race, then one for each kind of cost."""
     verdicts = {True: "met", False: "missed", None: "not measured"}
-    bars = [(each["what"], each["needed"], each["measured"], verdicts[each["is_met"]]) for each in results["bars"]]
+    bars = [
+        (each["what"], each["needed"], each["measured"], verdicts[each["is_met"]])
+        for each in results["bars"]
+    ]
     races = [_race_rows(title, each) for title, each in results["races"].items()]
     costs = [_cost_rows(kind, each) for kind, each in results["costs"].items()]
     return [Rows("Bars", ("", "needed", "measured", "verdict"), bars), *races, *costs]
@@ -83,10 +86,16 @@ def _race_rows(title: str, found: dict[str, Any]) -> Rows:
     rates = Rates(found["rates"])
     ours, *_ = rates.by_name
     cells = [
-        (name, _rate(rates.of(name).median), "" if name == ours else _times(rates.ratio(ours, name)))
+        (
+            name,
+            _rate(rates.of(name).median),
+            "" if name == ours else _times(rates.ratio(ours, name)),
+        )
         for name in rates.by_name
     ]
-    left_out = ", ".join(f"{name} (no package {package})" for name, package in found["left_out"].items())
+    left_out = ", ".join(
+        f"{name} (no package {package})" for name, package in found["left_out"].items()
+    )
     note = f"Left out: {left_out}." if left_out else ""
     return Rows(title.capitalize(), ("", "steps/s", f"{ours} is faster by"), cells, note)
 

@@ -38,7 +38,9 @@ class Rates:
 
     def ratio(self, name: str, other: str) -> Spread:
         """How many times as fast as another a contender is, compared round by round."""
-        return Spread.of([a / b for a, b in zip(self.by_name[name], self.by_name[other], strict=True)])
+        return Spread.of(
+            [a / b for a, b in zip(self.by_name[name], self.by_name[other], strict=True)]
+        )
 
 
 def time_in_turns(contenders: dict[str, Steps], rounds: int, seconds: float) -> Rates:
@@ -55,7 +57,9 @@ def time_in_turns(contenders: dict[str, Steps], rounds: int, seconds: float) -> 
     rates: dict[str, list[float]] = {name: [] for name in contenders}
     for _ in range(rounds):
         for name, steps in contenders.items():
-            steps(-(-calls[name] // 4))  # caches warm up, and threads of the one before come to rest
+            steps(
+                -(-calls[name] // 4)
+            )  # caches warm up, and threads of the one before come to rest
             transitions, elapsed = _timed(steps, calls[name])
             rates[name].append(transitions / elapsed)
     return Rates(rates)

@@ -1,4 +1,6 @@
-"""`python -m eval ablations`: what each part of the task and of the setting is worth, in steps to the optimum."""
+"""`python -m eval ablations`: what each part of the task and of the setting is worth, in steps to
+the optimum.
+"""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -69,13 +71,19 @@ def main(
         results, left_out = read_results(track(find_runs(folder), "reading runs", transient=True))
         problems = {each.problem for each in results}
         if len(problems) != 1:
-            raise ValueError(f"{str(folder)!r} holds runs on {len(problems)} problems: ablations are of one")
-        board, pictures = build(results, left_out, episodes=1, seed=0)  # of the references, which the page leaves out
+            raise ValueError(
+                f"{str(folder)!r} holds runs on {len(problems)} problems: ablations are of one"
+            )
+        board, pictures = build(
+            results, left_out, episodes=1, seed=0
+        )  # of the references, which the page leaves out
         board["commands"] = commands_of("ablations", trained_by)
         world = evaluation_env(results[0].run.task).unwrapped.world  # type: ignore[attr-defined]
         found = return_variances(world, GAMMAS)
         (out / FIGURES).mkdir(parents=True, exist_ok=True)
-        curves = {name: picture for name, picture in pictures.items() if name.endswith("-curves.png")}
+        curves = {
+            name: picture for name, picture in pictures.items() if name.endswith("-curves.png")
+        }
         for name, picture in curves.items():
             write_file(out / FIGURES / name, picture)
         write_file(out / "ablations.md", markdown(board, list(curves), found).encode())
@@ -88,7 +96,9 @@ def main(
     return 0
 
 
-def markdown(board: Mapping[str, Any], figures: Sequence[str], found: Sequence[ReturnVariance]) -> str:
+def markdown(
+    board: Mapping[str, Any], figures: Sequence[str], found: Sequence[ReturnVariance]
+) -> str:
     """The page of a board over variants on one problem (see `eval.commands.board.build`), and of
     the problem's outlooks.
     """
@@ -125,8 +135,14 @@ def _worth(standings: Sequence[Mapping[str, Any]]) -> str:
     for each in standings:
         found = each["estimates"]
         steps = found["steps_to_optimum"]["value"] if found else None
-        times = "never in half of the seeds" if steps is None or default is None else f"{steps / default:.2f}"
-        rows.append((text(each["name"]), times, count_of(each, "at_optimum") if found else "0 of 0"))
+        times = (
+            "never in half of the seeds"
+            if steps is None or default is None
+            else f"{steps / default:.2f}"
+        )
+        rows.append(
+            (text(each["name"]), times, count_of(each, "at_optimum") if found else "0 of 0")
+        )
     return table(("variant", "times the default's steps", "seeds at the optimum"), rows)
 
 
@@ -135,6 +151,13 @@ def _outlooks(found: Sequence[ReturnVariance]) -> str:
         "discount", "best path over the oracle's", "longer from", "scatter of the return, metres", "returns to average",
     )  # fmt: skip
     rows = [
-        (each.gamma, f"{each.ratio:.3f}", each.longer, f"{each.spread:,.2f}", f"{each.episodes:,.0f}") for each in found
+        (
+            each.gamma,
+            f"{each.ratio:.3f}",
+            each.longer,
+            f"{each.spread:,.2f}",
+            f"{each.episodes:,.0f}",
+        )
+        for each in found
     ]
     return table(heads, rows)

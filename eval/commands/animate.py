@@ -32,8 +32,9 @@ def main(
     Parameters
     ----------
     policy
-        An algorithm with a pretrained model (ppo, dqn, planner, explorer ...), a run folder, the file of a network,
-        or a reference policy (oracle, replanning, greedy, greedy_margin, masked_random, random).
+        An algorithm with a pretrained model (ppo, dqn, planner, explorer ...), a run folder, the
+        file of a network, or a reference policy (oracle, replanning, greedy, greedy_margin,
+        masked_random, random).
     place
         Where it plays.
     out
@@ -48,7 +49,11 @@ def main(
     try:
         check_fps(fps)
         found = load_policy(policy, place, "rgb_array", model=model, seed=seed)
-        path = out or (Path(policy, "animation.gif") if Path(policy).is_dir() else Path(f"{Path(policy).stem}.gif"))
+        path = out or (
+            Path(policy, "animation.gif")
+            if Path(policy).is_dir()
+            else Path(f"{Path(policy).stem}.gif")
+        )
         frames, summary = film(found)
         write_file(path, as_gif(frames, fps))
     except (OSError, ValueError) as error:
@@ -69,14 +74,20 @@ def film(found: LoadedPolicy) -> tuple[list[NDArray[np.uint8]], str]:
     camera: Any = RenderCollection(found.env)
     episode = roll_out(found.policy, camera, options=found.options)
     ended = "reached the goal" if episode.is_success else "did not reach the goal"
-    summary = f"{ended} after {episode.distance:.3f} m, the oracle needs {episode.oracle_distance:.3f} m"
+    summary = (
+        f"{ended} after {episode.distance:.3f} m, the oracle needs {episode.oracle_distance:.3f} m"
+    )
     return camera.render(), summary
 
 
 def as_gif(frames: Sequence[NDArray[np.uint8]], fps: int) -> bytes:
-    """Pictures ``(H, W, 3)`` as an animated GIF; all share the colours of the last, which has every colour."""
+    """Pictures ``(H, W, 3)`` as an animated GIF; all share the colours of the last, which has every
+    colour.
+    """
     colours = Image.fromarray(frames[-1]).quantize(256, dither=Image.Dither.NONE)
-    pictures = [Image.fromarray(each).quantize(palette=colours, dither=Image.Dither.NONE) for each in frames]
+    pictures = [
+        Image.fromarray(each).quantize(palette=colours, dither=Image.Dither.NONE) for each in frames
+    ]
     content = BytesIO()
     pictures[0].save(
         content,

@@ -1,4 +1,6 @@
-"""`python -m eval board`: all runs below a folder on one scoreboard, with the references and every run left out."""
+"""`python -m eval board`: all runs below a folder on one scoreboard, with the references and every
+run left out.
+"""
 
 import json
 import shlex
@@ -22,7 +24,15 @@ from eval.scoreboard.overlay import draw_path_overlay
 from eval.scoreboard.page import markdown
 from eval.scoreboard.report import html
 from eval.scoreboard.results import Group, LeftOut, Result, find_runs, read_results
-from eval.scoreboard.seed_scores import TITLES, SeedScores, finite, group_names, learned, overall, references
+from eval.scoreboard.seed_scores import (
+    TITLES,
+    SeedScores,
+    finite,
+    group_names,
+    learned,
+    overall,
+    references,
+)
 from irs_gym.files import write_file
 
 FIGURES = "figures/scoreboard"
@@ -38,7 +48,8 @@ def main(
 ) -> int:
     """Put all runs below a folder on one scoreboard, beside the reference policies.
 
-    Writes report.html, one page that holds everything, and into OUT board.json, scoreboard.md and its figures.
+    Writes report.html, one page that holds everything, and into OUT board.json, scoreboard.md and
+    its figures.
 
     Parameters
     ----------
@@ -59,7 +70,9 @@ def main(
     try:
         if episodes < 1:
             raise ValueError(f"episodes={episodes} must be 1 or more")
-        results, left_out = read_results(track(find_runs(folder), "reading runs", transient=True), model)
+        results, left_out = read_results(
+            track(find_runs(folder), "reading runs", transient=True), model
+        )
         if not results:
             reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
             raise ValueError(f"no complete run lies below {str(folder)!r}{reasons}")
@@ -71,12 +84,16 @@ def main(
         return 2
     for each in left_out:
         print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
-    print(f"{len(results)} runs, {len(left_out)} left out; written: {folder / 'report.html'}, {out / 'scoreboard.md'}")
+    print(
+        f"{len(results)} runs, {len(left_out)} left out; written: {folder / 'report.html'}, {out / 'scoreboard.md'}"
+    )
     return 0
 
 
 def commands_of(name: str, trained_by: str | None) -> list[str]:
-    """The commands that made a page: the one that trained, where it is known, and this call of `python -m eval`."""
+    """The commands that made a page: the one that trained, where it is known, and this call of
+    `python -m eval`.
+    """
     own = printable(shlex.join(["python", "-m", "eval", name, *sys.argv[2:]]))
     return [trained_by, own] if trained_by else [own]
 
@@ -99,15 +116,24 @@ def build(
     known = {each.group for each in [*results, *left_out] if each.group is not None}
     names = group_names(sorted(known, key=lambda each: (each.problem.order, each.settings)))
     order = {name: n for n, name in enumerate(TITLES)}
-    groups = sorted(names, key=lambda each: (order[each.algorithm], names[each], each.problem.order))
+    groups = sorted(
+        names, key=lambda each: (order[each.algorithm], names[each], each.problem.order)
+    )
     by_group = {
-        group: sorted((each for each in results if each.group == group), key=lambda each: each.seed) for group in groups
+        group: sorted((each for each in results if each.group == group), key=lambda each: each.seed)
+        for group in groups
     }
     problems, pictures = [], {}
-    for problem in sorted({group.problem for group in groups if by_group[group]}, key=lambda each: each.order):
+    for problem in sorted(
+        {group.problem for group in groups if by_group[group]}, key=lambda each: each.order
+    ):
         here = {group: found for group, found in by_group.items() if group.problem == problem}
-        first, standings = references(next(found[0] for found in here.values() if found), episodes, seed)
-        standings[1:1] = [learned(names[group], found, _missing(left_out, group)) for group, found in here.items()]
+        first, standings = references(
+            next(found[0] for found in here.values() if found), episodes, seed
+        )
+        standings[1:1] = [
+            learned(names[group], found, _missing(left_out, group)) for group, found in here.items()
+        ]
         named = {names[group]: found for group, found in here.items() if found}
         drawn = _draw(problem, first["oracle"], named)
         pictures |= drawn
@@ -120,7 +146,9 @@ def build(
         "problems": problems,
         "overall": _overall(by_group, names, len(problems)),
         "settings": {names[group]: group.values for group in groups},
-        "runs": [_run_record(each, names[group]) for group, found in by_group.items() for each in found],
+        "runs": [
+            _run_record(each, names[group]) for group, found in by_group.items() for each in found
+        ],
         "left_out": [_left_out_record(each, names) for each in left_out],
         **origins([each.run for each in results]),
     }
@@ -137,7 +165,9 @@ def write(board: dict[str, Any], pictures: dict[str, bytes], folder: Path, out: 
     write_file(folder / "report.html", html(board, pictures).encode())
 
 
-def _draw(problem: Problem, oracle: EpisodeResult, found: dict[str, list[Result]]) -> dict[str, bytes]:
+def _draw(
+    problem: Problem, oracle: EpisodeResult, found: dict[str, list[Result]]
+) -> dict[str, bytes]:
     """Learning curves of all seeds, and the path of the worst seed of each algorithm."""
     worst = {name: max(results, key=lambda each: each.rank) for name, results in found.items()}
     world = evaluation_env(next(iter(worst.values())).run.task).unwrapped.world  # type: ignore[attr-defined]
@@ -145,11 +175,15 @@ def _draw(problem: Problem, oracle: EpisodeResult, found: dict[str, list[Result]
     curves = {name: [each.curve for each in results] for name, results in found.items()}
     return {
         f"{problem.slug}-curves.png": draw_curves(curves),
-        f"{problem.slug}-paths.png": draw_path_overlay(world, {"oracle": oracle, **paths}, dpi=100, in_palette=True),
+        f"{problem.slug}-paths.png": draw_path_overlay(
+            world, {"oracle": oracle, **paths}, dpi=100, in_palette=True
+        ),
     }
 
 
-def _overall(by_group: dict[Group, list[Result]], names: dict[Group, str], problems: int) -> list[dict[str, Any]]:
+def _overall(
+    by_group: dict[Group, list[Result]], names: dict[Group, str], problems: int
+) -> list[dict[str, Any]]:
     by_name: dict[str, list[list[Result]]] = {}
     for group, found in by_group.items():
         if found:
@@ -194,7 +228,11 @@ def _run_record(result: Result, name: str) -> dict[str, Any]:
 
 def _left_out_record(left_out: LeftOut, names: dict[Group, str]) -> dict[str, Any]:
     group = left_out.group
-    known = {"problem": group.problem.label, "policy": names[group]} if group else {"problem": None, "policy": None}
+    known = (
+        {"problem": group.problem.label, "policy": names[group]}
+        if group
+        else {"problem": None, "policy": None}
+    )
     return {"folder": left_out.folder, **known, "reason": left_out.reason}
 
 

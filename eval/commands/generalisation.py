@@ -1,4 +1,6 @@
-"""`python -m eval generalisation`: all runs over many scenes on one page, on scenes that none of them has seen."""
+"""`python -m eval generalisation`: all runs over many scenes on one page, on scenes that none of
+them has seen.
+"""
 
 import json
 import sys
@@ -21,7 +23,14 @@ from eval.scoreboard.seed_scores import estimate_as_json
 from eval.statistics import estimate, paired_difference
 from eval.unseen.gallery import Scenery, choose, draw_gallery
 from eval.unseen.page import draw_scenes_curve, markdown
-from eval.unseen.policy_results import PolicyResult, Track, find_generalists, pace, result_of_reference, result_of_runs
+from eval.unseen.policy_results import (
+    PolicyResult,
+    Track,
+    find_generalists,
+    pace,
+    result_of_reference,
+    result_of_runs,
+)
 from eval.unseen.scores import HARD, detours, paper_scene_set
 from eval.unseen.throughput import throughput
 from irs_gym.datasets.generator import Difficulty, generate_scene
@@ -45,7 +54,8 @@ def main(
     jobs: int = 2,
     trained_by: str | None = None,
 ) -> int:
-    """Write generalisation.md, its data and its figures from all runs over many scenes below a folder.
+    """Write generalisation.md, its data and its figures from all runs over many scenes below a
+    folder.
 
     What a run does on a set of scenes is kept in its folder, so that a second call is fast.
 
@@ -66,24 +76,35 @@ def main(
     """
     try:
         if min(num_scenes, local_large_scenes, jobs) < 1:
-            given = f"num_scenes={num_scenes}, local_large_scenes={local_large_scenes} and jobs={jobs}"
+            given = (
+                f"num_scenes={num_scenes}, local_large_scenes={local_large_scenes} and jobs={jobs}"
+            )
             raise ValueError(f"{given} must be 1 or more")
         runs, left_out = find_generalists(folder)
         if not runs:
             raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
         torch.set_num_threads(1)  # of PyTorch in a run: more wait for each other
         pools = {
-            track: page_scene_sets(track, num_scenes, min(num_scenes, local_large_scenes)) for track in ("map", "local")
+            track: page_scene_sets(track, num_scenes, min(num_scenes, local_large_scenes))
+            for track in ("map", "local")
         }
         entrants, damaged = result_of_runs(runs, pools, jobs, "playing")
         left_out += damaged
         if not entrants:
             reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
-            raise ValueError(f"no run over many scenes below {str(folder)!r} can be played{reasons}")
-        entrants += [result_of_reference(name, pools["local"], folder / "references") for name in PAGE_REFERENCES]
+            raise ValueError(
+                f"no run over many scenes below {str(folder)!r} can be played{reasons}"
+            )
+        entrants += [
+            result_of_reference(name, pools["local"], folder / "references")
+            for name in PAGE_REFERENCES
+        ]
         record = record_of(entrants, left_out, pools)
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
-        figures = {"scenes.png": draw_scenes_curve(record["entrants"]), "gallery.png": gallery(entrants, pools)}
+        figures = {
+            "scenes.png": draw_scenes_curve(record["entrants"]),
+            "gallery.png": gallery(entrants, pools),
+        }
         (out / FIGURES).mkdir(parents=True, exist_ok=True)
         for name, content in figures.items():
             write_file(out / FIGURES / name, content)
@@ -113,21 +134,28 @@ def page_scene_sets(track: Track, num_scenes: int, local_large_scenes: int) -> d
 
 @lru_cache(maxsize=1)
 def largest_scene_set(scenes: int) -> SceneSet:
-    """Scenes of four times the usual sides, with as many boxes for the area: maps of 112 to 160 cells a side."""
+    """Scenes of four times the usual sides, with as many boxes for the area: maps of 112 to 160
+    cells a side.
+    """
     level = Difficulty(sides=(56.0, 80.0), boxes=(48, 192))
     drawn = [generate_scene(np.random.default_rng([160, n]), level) for n in range(scenes)]
     return scene_set_of(drawn, [f"large-{n}" for n in range(scenes)], frame=(160, 160))
 
 
 def record_of(
-    entrants: Sequence[PolicyResult], left_out: Sequence[LeftOut], pools: Mapping[Track, Mapping[str, SceneSet]]
+    entrants: Sequence[PolicyResult],
+    left_out: Sequence[LeftOut],
+    pools: Mapping[Track, Mapping[str, SceneSet]],
 ) -> dict[str, Any]:
     """All that the page tells, as JSON holds it."""
     rival = next(each for each in entrants if each.algorithm == "replanning")
     return {
         "format_version": 1,
         "hard": HARD,
-        "sets": {track: {name: _set_record(pool) for name, pool in some.items()} for track, some in pools.items()},
+        "sets": {
+            track: {name: _set_record(pool) for name, pool in some.items()}
+            for track, some in pools.items()
+        },
         "entrants": [_entrant_record(each, pools[each.track], rival) for each in entrants],
         "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],
         "throughput": throughput(),
@@ -135,8 +163,12 @@ def record_of(
     }
 
 
-def gallery(entrants: Sequence[PolicyResult], pools: Mapping[Track, Mapping[str, SceneSet]]) -> bytes:
-    """Four test scenes of one policy in a row: two long detours that it mastered, and its two worst."""
+def gallery(
+    entrants: Sequence[PolicyResult], pools: Mapping[Track, Mapping[str, SceneSet]]
+) -> bytes:
+    """Four test scenes of one policy in a row: two long detours that it mastered, and its two
+    worst.
+    """
     sceneries = []
     shown = [next((each for each in entrants if each.algorithm == name), None) for name in GALLERY]
     for each in shown:
@@ -144,19 +176,29 @@ def gallery(entrants: Sequence[PolicyResult], pools: Mapping[Track, Mapping[str,
             continue
         pool, run = pools[each.track]["test"], each.runs[0]
         policy = run.load_model()
-        env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation_of(each.algorithm))
+        env = gymnasium.make(
+            "irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation_of(each.algorithm)
+        )
         for n in choose(each.episodes["test"][0].spl, detours(pool)):
             episode = roll_out(policy, env, options={"scene_id": n})
             inner: Any = env.unwrapped
-            sceneries.append(Scenery(each.name, pool.names[n], inner.world, episode, inner.oracle.cells))
+            sceneries.append(
+                Scenery(each.name, pool.names[n], inner.world, episode, inner.oracle.cells)
+            )
     return draw_gallery(sceneries)
 
 
 def _set_record(pool: SceneSet) -> dict[str, Any]:
-    return {"scenes": len(pool), "cells": list(pool.shape), "hard": int((detours(pool) > HARD).sum())}
+    return {
+        "scenes": len(pool),
+        "cells": list(pool.shape),
+        "hard": int((detours(pool) > HARD).sum()),
+    }
 
 
-def _entrant_record(entrant: PolicyResult, pools: Mapping[str, SceneSet], rival: PolicyResult) -> dict[str, Any]:
+def _entrant_record(
+    entrant: PolicyResult, pools: Mapping[str, SceneSet], rival: PolicyResult
+) -> dict[str, Any]:
     return {
         "algorithm": entrant.algorithm,
         "name": entrant.name,
@@ -172,7 +214,9 @@ def _entrant_record(entrant: PolicyResult, pools: Mapping[str, SceneSet], rival:
     }
 
 
-def _results(entrant: PolicyResult, name: str, pool: SceneSet, rival: PolicyResult | None) -> dict[str, Any]:
+def _results(
+    entrant: PolicyResult, name: str, pool: SceneSet, rival: PolicyResult | None
+) -> dict[str, Any]:
     """Success, SPL and the ratio over successes, over seeds, on all scenes and on the hard ones."""
     success = entrant.table(name, lambda each: each.is_success)
     spl = entrant.table(name, lambda each: each.spl)
@@ -182,7 +226,9 @@ def _results(entrant: PolicyResult, name: str, pool: SceneSet, rival: PolicyResu
         if not chosen.any():
             continue
         won = chosen & (success > 0)  # (seeds, scenes)
-        ratios = [float(row[each].mean()) for row, each in zip(ratio, won, strict=True) if each.any()]
+        ratios = [
+            float(row[each].mean()) for row, each in zip(ratio, won, strict=True) if each.any()
+        ]
         found[label] = {
             "success": estimate_as_json(estimate(success[:, chosen])),
             "spl": estimate_as_json(estimate(spl[:, chosen])),
@@ -193,15 +239,21 @@ def _results(entrant: PolicyResult, name: str, pool: SceneSet, rival: PolicyResu
         }
         if rival is not None and rival is not entrant:
             theirs = rival.table(name, lambda each: each.spl)
-            found[label]["over_replanning"] = estimate_as_json(paired_difference((spl - theirs)[:, chosen]))
+            found[label]["over_replanning"] = estimate_as_json(
+                paired_difference((spl - theirs)[:, chosen])
+            )
     return found
 
 
 def _paper(entrant: PolicyResult, pool: SceneSet) -> list[dict[str, Any]]:
-    """The paper's scene at each of its targets: seeds that reached the goal, and the mean ratio of these."""
+    """The paper's scene at each of its targets: seeds that reached the goal, and the mean ratio of
+    these.
+    """
 
     def told(n: int) -> dict[str, Any]:
-        each: list[SceneSetResults] = [some for some in entrant.episodes["paper"] if some.is_success[n]]
+        each: list[SceneSetResults] = [
+            some for some in entrant.episodes["paper"] if some.is_success[n]
+        ]
         ratios = [float(some.distance[n] / some.oracle_distance[n]) for some in each]
         return {
             "target_db": float(pool.target_db[n]),
@@ -215,8 +267,13 @@ def _paper(entrant: PolicyResult, pool: SceneSet) -> list[dict[str, Any]]:
 
 
 def _pace(entrant: PolicyResult) -> dict[str, float | None]:
-    """Medians over runs, tests included: seconds, and steps a second; in imitation of whole maps, scenes a second."""
+    """Medians over runs, tests included: seconds, and steps a second; in imitation of whole maps,
+    scenes a second.
+    """
     if not entrant.runs:
         return {"steps_per_second": None, "seconds": None}
     steps, seconds = np.array([pace(run) for run in entrant.runs]).T
-    return {"steps_per_second": float(np.median(steps / seconds)), "seconds": float(np.median(seconds))}
+    return {
+        "steps_per_second": float(np.median(steps / seconds)),
+        "seconds": float(np.median(seconds)),
+    }

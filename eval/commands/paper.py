@@ -1,4 +1,6 @@
-"""`python -m eval paper`: every claim and figure of the paper's Section IV, and what lies beyond, as one page."""
+"""`python -m eval paper`: every claim and figure of the paper's Section IV, and what lies beyond,
+as one page.
+"""
 
 import json
 import sys
@@ -17,7 +19,13 @@ from eval.paper.curve_figures import (
 )
 from eval.paper.distance_claims import distance_claims, element_claims, threshold_claims
 from eval.paper.map_claims import map_claims, model_claims, path_claims
-from eval.paper.map_figures import draw_gain_maps, draw_optimal_gain, draw_own_scene, draw_paths, draw_scene
+from eval.paper.map_figures import (
+    draw_gain_maps,
+    draw_optimal_gain,
+    draw_own_scene,
+    draw_paths,
+    draw_scene,
+)
 from eval.paper.study import Study
 from irs_gym import load_scene
 from irs_gym.files import write_file
@@ -26,8 +34,15 @@ PARTS = (map_claims, path_claims, threshold_claims, distance_claims, element_cla
 OWN_SCENE, OWN_TARGET_DB = "workshop", -63.0
 
 
-def main(scene: str = "paper", out: Path = Path("docs"), cost: bool = True, draws: int = 40_000, seed: int = 0) -> int:
-    """Compute every claim and figure of the paper, write the page, and fail where a promised claim is not met.
+def main(
+    scene: str = "paper",
+    out: Path = Path("docs"),
+    cost: bool = True,
+    draws: int = 40_000,
+    seed: int = 0,
+) -> int:
+    """Compute every claim and figure of the paper, write the page, and fail where a promised claim
+    is not met.
 
     Writes OUT/paper.md, OUT/cost.json, and OUT/figures with each figure as PNG, SVG and CSV.
 
@@ -38,7 +53,8 @@ def main(scene: str = "paper", out: Path = Path("docs"), cost: bool = True, draw
     out
         Folder of the page.
     cost
-        Measure time and memory too (some minutes); otherwise the measurements in OUT are used, if there are any.
+        Measure time and memory too (some minutes); otherwise the measurements in OUT are used, if
+        there are any.
     draws
         Draws of the channels for each correction.
     seed
@@ -57,7 +73,9 @@ def check(study: Study, cost: bool, draws: int) -> None:
     """Refuse what the paper's claims cannot be told of, before any work."""
     parts = (len(study.scene.access_points), len(study.scene.irs_panels))
     if parts != (1, 1):
-        raise ValueError(f"scene {study.scene.name!r} has {parts[0]} access points and {parts[1]} panels, not 1 and 1")
+        raise ValueError(
+            f"scene {study.scene.name!r} has {parts[0]} access points and {parts[1]} panels, not 1 and 1"
+        )
     if draws < 2 * monte_carlo.BATCH:
         raise ValueError(f"draws={draws} must be {2 * monte_carlo.BATCH} or more")
     packages = ("shapely", "networkx", "skimage") if cost else ("shapely",)

@@ -34,16 +34,19 @@ def main(
 ) -> int:
     """Steer the robot to the goal from the keyboard; the oracle's path is drawn as dashes.
 
-    Arrow keys and, for diagonals, Home, Page Up, End and Page Down move; R begins anew, Escape ends.
+    Arrow keys and, for diagonals, Home, Page Up, End and Page Down move; R begins anew, Escape
+    ends.
 
     Parameters
     ----------
     scene
         A scene's name in the package, or the path of a scene file.
     target_db
-        Lowest expected channel gain in dB that keeps the robot connected; by default the scene's own.
+        Lowest expected channel gain in dB that keeps the robot connected; by default the scene's
+        own.
     constraint
-        What happens at a cell below the target: the move is refused, ends the episode, or is allowed at a cost.
+        What happens at a cell below the target: the move is refused, ends the episode, or is
+        allowed at a cost.
     random_start
         Whether each episode begins in another cell.
     seed
@@ -63,7 +66,9 @@ def main(
         print(KEYS)
         play_by_keyboard(env, seed)
     except DependencyNotInstalled:
-        print("python -m eval play: the window needs pygame: pip install pygame-ce", file=sys.stderr)
+        print(
+            "python -m eval play: the window needs pygame: pip install pygame-ce", file=sys.stderr
+        )
         return 2
     except (OSError, ValueError) as error:
         print(f"python -m eval play: {error}", file=sys.stderr)
@@ -72,7 +77,9 @@ def main(
     return 0
 
 
-def play_by_keyboard(env: gymnasium.Env[Any, Any], seed: int | None = None, tell: Callable[[str], Any] = print) -> None:
+def play_by_keyboard(
+    env: gymnasium.Env[Any, Any], seed: int | None = None, tell: Callable[[str], Any] = print
+) -> None:
     """Play episodes until the window is closed; ``tell`` is told of each that ends.
 
     Raises
@@ -84,13 +91,17 @@ def play_by_keyboard(env: gymnasium.Env[Any, Any], seed: int | None = None, tell
 
     import pygame
 
-    actions = {pygame.key.key_code(name): action for action, names in NAMES.items() for name in names}
+    actions = {
+        pygame.key.key_code(name): action for action, names in NAMES.items() for name in names
+    }
     pygame.key.set_repeat(300, 100)
     is_over, info = False, start
     while True:
         _show(start, info)
         event = pygame.event.wait()
-        if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE):
+        if event.type == pygame.QUIT or (
+            event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE
+        ):
             return
         if event.type != pygame.KEYDOWN:
             continue
@@ -115,4 +126,6 @@ def _show(start: dict[str, Any], info: dict[str, Any]) -> None:
     import pygame
 
     refused = ", refused" if info["is_refused"] else ""
-    pygame.display.set_caption(f"{info['distance']:.2f} m of {start['oracle_distance']:.2f} m{refused}")
+    pygame.display.set_caption(
+        f"{info['distance']:.2f} m of {start['oracle_distance']:.2f} m{refused}"
+    )

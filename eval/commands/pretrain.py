@@ -52,8 +52,9 @@ def main(
 ) -> int:
     """Keep the best policy of each algorithm on each problem among all runs below a folder.
 
-    Best is the shortest path, then the fewest steps to the optimum; of agents that learned on many scenes, the greatest
-    SPL on the scenes that they were tested on, and of equals the most training scenes. Other models stay as they are.
+    Best is the shortest path, then the fewest steps to the optimum; of agents that learned on many
+    scenes, the greatest SPL on the scenes that they were tested on, and of equals the most training
+    scenes. Other models stay as they are.
 
     Parameters
     ----------
@@ -72,7 +73,9 @@ def main(
         results, left_out = read_results(track(others, "reading runs", transient=True))
         chosen = choose([each for each in results if each.config.algorithm in algorithms])
         if not chosen and not runs:
-            raise ValueError(f"no complete run of {' or '.join(algorithms)} below {str(folder)!r} reached the goal")
+            raise ValueError(
+                f"no complete run of {' or '.join(algorithms)} below {str(folder)!r} reached the goal"
+            )
         entries = keep(chosen, out)
         generalists = keep_generalists(runs, out)
     except (OSError, ValueError) as error:
@@ -89,7 +92,8 @@ def main(
 
 
 def choose(results: Sequence[Result]) -> list[tuple[Result, int]]:
-    """The best successful result of each algorithm on each problem, and how many runs it was chosen among.
+    """The best successful result of each algorithm on each problem, and how many runs it was chosen
+    among.
 
     Raises
     ------
@@ -103,12 +107,15 @@ def choose(results: Sequence[Result]) -> list[tuple[Result, int]]:
     best = [(each, count) for each, count in best if each.episode.is_success]
     own = [str(each.run.folder) for each, _ in best if each.problem.scene not in scene_names()]
     if own:
-        raise ValueError(f"{own[0]!r} was trained on a scene or map of its own, which models/ does not hold")
+        raise ValueError(
+            f"{own[0]!r} was trained on a scene or map of its own, which models/ does not hold"
+        )
     return sorted(best, key=lambda pair: (pair[0].config.algorithm, pair[0].problem.order))
 
 
 def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntry]:
-    """Write the models and their manifest, and play each from its file; returns the entries written.
+    """Write the models and their manifest, and play each from its file; returns the entries
+    written.
 
     Raises
     ------
@@ -137,7 +144,9 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntr
     both = sorted([*others, *entries], key=lambda each: (each.config.algorithm, each.problem.order))
     write_models(out, both, contents, Models.read(out).generalists)
     for entry in entries:
-        found = load_pretrained(entry.config.algorithm, folder=out, **arguments_of(entry.task)).play()
+        found = load_pretrained(
+            entry.config.algorithm, folder=out, **arguments_of(entry.task)
+        ).play()
         if PretrainedScore.of(found) != entry.score:
             raise ValueError(
                 f"{entry.file} does not do what its run did: {PretrainedScore.of(found)} is not {entry.score}"
@@ -146,7 +155,8 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntr
 
 
 def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistPretrainedEntry]:
-    """Write the best model of each algorithm over many scenes, and the manifest; returns the entries written.
+    """Write the best model of each algorithm over many scenes, and the manifest; returns the
+    entries written.
 
     Raises
     ------

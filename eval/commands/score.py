@@ -1,4 +1,6 @@
-"""`python -m eval score`: a run's policy beside the reference policies, as a table, as JSON and as a picture."""
+"""`python -m eval score`: a run's policy beside the reference policies, as a table, as JSON and as
+a picture.
+"""
 
 import json
 import sys
@@ -38,26 +40,30 @@ from irs_gym.files import write_file
 
 
 def main(
-    runs: Annotated[Positional[tuple[str, ...]], arg(metavar="RUN|MODEL [...]", help_behavior_hint="")],
+    runs: Annotated[
+        Positional[tuple[str, ...]], arg(metavar="RUN|MODEL [...]", help_behavior_hint="")
+    ],
     model: Literal["best", "last"] = "best",
     episodes: int = 100,
     seed: int = 0,
     env: Literal["IrsNav-v0", "IrsNavRandom-v0"] | None = None,
-    split: tuple[Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size"], ...] = ("test",),
+    split: tuple[Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size"], ...] = (
+        "test",
+    ),
     num_scenes: int = 1000,
     scenes: Path | None = None,
 ) -> int:
     """Score runs against the oracle.
 
-    Agents of one task play it from its fixed start: scores.json and paths.png are written into each run folder.
-    Agents that learned on many scenes play scenes that they have never seen, and the paper's: unseen.json is written
-    into each run folder.
+    Agents of one task play it from its fixed start: scores.json and paths.png are written into each
+    run folder. Agents that learned on many scenes play scenes that they have never seen, and the
+    paper's: unseen.json is written into each run folder.
 
     Parameters
     ----------
     runs
-        Run folders; for unseen scenes also pretrained models (planner, explorer ...), their files, and reference
-        policies (oracle, replanning, untrained_explorer, greedy, greedy_margin).
+        Run folders; for unseen scenes also pretrained models (planner, explorer ...), their files,
+        and reference policies (oracle, replanning, untrained_explorer, greedy, greedy_margin).
     model
         Whether the best or the last state of the agent is scored.
     episodes
@@ -74,17 +80,23 @@ def main(
         Folder of scene files to play in place of those sets; each says its own target.
     """
     if not runs or episodes < 1 or not split:
-        print("python -m eval score: name one run folder or more, 1 episode or more, and a split", file=sys.stderr)
+        print(
+            "python -m eval score: name one run folder or more, 1 episode or more, and a split",
+            file=sys.stderr,
+        )
         return 2
     left_out: list[LeftOut] = []
     try:
         opened = _opened(runs, left_out)
         is_unseen = [
-            isinstance(each, Player) or (each.is_generalist if env is None and scenes is None else env != "IrsNav-v0")
+            isinstance(each, Player)
+            or (each.is_generalist if env is None and scenes is None else env != "IrsNav-v0")
             for each in opened.values()
         ]
         if env == "IrsNav-v0" and any(isinstance(each, Player) for each in opened.values()):
-            raise ValueError("env='IrsNav-v0' plays run folders alone, with all reference policies beside them")
+            raise ValueError(
+                "env='IrsNav-v0' plays run folders alone, with all reference policies beside them"
+            )
         pools = scene_sets_of(split, num_scenes, scenes) if any(is_unseen) else {}
     except (OSError, ValueError) as error:
         print(f"python -m eval score: {error}", file=sys.stderr)
@@ -99,7 +111,9 @@ def main(
                 score_generalist(each, model, pools)
             else:
                 score_run(each, model, episodes, seed)
-        except Exception as error:  # a damaged run may raise any, and keeps no other from being scored
+        except (
+            Exception
+        ) as error:  # a damaged run may raise any, and keeps no other from being scored
             left_out.append(LeftOut.of(Path(name), error))
     for told in left_out:
         print(f"python -m eval score: {told.folder}: {told.reason}", file=sys.stderr)
@@ -129,7 +143,8 @@ def _open(name: str) -> Run | Player:
 
 
 def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScore]:
-    """Score one run: prints the table, writes ``scores.json`` and ``paths.png``, and returns the table's rows.
+    """Score one run: prints the table, writes ``scores.json`` and ``paths.png``, and returns the
+    table's rows.
 
     Raises
     ------
@@ -153,7 +168,9 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScor
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
-    write_file(run.folder / "scores.json", (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
+    write_file(
+        run.folder / "scores.json", (json.dumps(record, indent=2, allow_nan=False) + "\n").encode()
+    )
     paths = {"oracle": played["oracle"][0], run.config.algorithm.upper(): learned}
     world = env.unwrapped.world  # type: ignore[attr-defined]
     write_file(run.folder / "paths.png", draw_path_overlay(world, paths))
@@ -182,7 +199,11 @@ def score_generalist(run: Run, model: str, pools: dict[str, SceneSet]) -> None:
 
 def table(scores: Sequence[PolicyScore]) -> Table:
     """The scores as a table for the terminal."""
-    rows = Table(caption="metres, ratio to the oracle's: means over successes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    rows = Table(
+        caption="metres, ratio to the oracle's: means over successes",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
     rows.add_column("policy", no_wrap=True)
     for column in ("episodes", "success", "metres", "ratio", "SPL", "soft-SPL", "refused"):
         rows.add_column(column, justify="right", no_wrap=True)

@@ -1,4 +1,6 @@
-"""`python -m eval shaping`: writes docs/shaping.md, where a discount makes another path than the shortest the best."""
+"""`python -m eval shaping`: writes docs/shaping.md, where a discount makes another path than the
+shortest the best.
+"""
 
 import sys
 from collections.abc import Iterable
@@ -52,7 +54,8 @@ nearer to 1 there, or `shaping=False`."""
 
 
 def main(out: Path = Path("docs"), scenes: int = 1000) -> int:
-    """Tell from which starts the path of the largest discounted return is not the shortest, and write shaping.md.
+    """Tell from which starts the path of the largest discounted return is not the shortest, and
+    write shaping.md.
 
     Parameters
     ----------
@@ -62,7 +65,9 @@ def main(out: Path = Path("docs"), scenes: int = 1000) -> int:
         Scenes of the test split, from the first on.
     """
     try:
-        text = page(INTRODUCTION, paper_section(), generated_section(scenes), spirals_section(), ADVICE)
+        text = page(
+            INTRODUCTION, paper_section(), generated_section(scenes), spirals_section(), ADVICE
+        )
         out.mkdir(parents=True, exist_ok=True)
         write_file(out / "shaping.md", text.encode())
     except (OSError, ValueError) as error:
@@ -80,7 +85,12 @@ def paper_section() -> str:
         ratios, without = (best_ratios(world, gamma) for world in (shaped, bare))
         rows.append((gamma, count_longer(ratios), _worst(ratios), count_longer(without)))
     starts = int(np.isfinite(best_ratios(shaped, 1.0)).sum())
-    header = ("discount", "starts whose best path is longer", "at most so many times", "without shaping")
+    header = (
+        "discount",
+        "starts whose best path is longer",
+        "at most so many times",
+        "without shaping",
+    )
     return page(PAPER.format(target_db=shaped.target_db, starts=starts), table(header, rows))
 
 
@@ -95,7 +105,12 @@ def generated_section(scenes: int) -> str:
             everywhere.append(ratios[~np.isnan(ratios)])
         starts = np.concatenate(everywhere)
         rows.append((gamma, count_longer(np.array(own)), count_longer(starts), _worst(starts)))
-    header = ("discount", "scenes whose best path is longer", "of all starts", "at most so many times")
+    header = (
+        "discount",
+        "scenes whose best path is longer",
+        "of all starts",
+        "at most so many times",
+    )
     return page(GENERATED.format(scenes=scenes), table(header, rows))
 
 
@@ -105,18 +120,30 @@ def spirals_section() -> str:
     for gamma in OF_MANY:
         cells = []
         for shaping in (True, False):
-            ratios = np.array([_own_ratio(spiral_world(side, shaping=shaping), gamma) for side in SPIRAL_SIDES])
+            ratios = np.array(
+                [_own_ratio(spiral_world(side, shaping=shaping), gamma) for side in SPIRAL_SIDES]
+            )
             cells += [count_longer(ratios), f"{np.isinf(ratios).sum()} of {len(ratios)}"]
         rows.append((gamma, *cells))
-    header = ("discount", "best path is longer", "it never arrives", "longer without shaping", "never without shaping")
+    header = (
+        "discount",
+        "best path is longer",
+        "it never arrives",
+        "longer without shaping",
+        "never without shaping",
+    )
     first, last = SPIRAL_SIDES[0], SPIRAL_SIDES[-1]
-    return page(SPIRALS.format(count=len(SPIRAL_SIDES), first=first, last=last), table(header, rows))
+    return page(
+        SPIRALS.format(count=len(SPIRAL_SIDES), first=first, last=last), table(header, rows)
+    )
 
 
 def generated_worlds(scenes: int) -> Iterable[World]:
     """Worlds of the first scenes of the test split."""
     worlds = build_worlds(RandomTask(scenes=build_scene_set("test", scenes)))
-    return track((worlds.world(n) for n in range(len(worlds))), "scenes", total=len(worlds), transient=True)
+    return track(
+        (worlds.world(n) for n in range(len(worlds))), "scenes", total=len(worlds), transient=True
+    )
 
 
 def spiral_world(side: int, *, shaping: bool = True) -> World:
@@ -125,11 +152,15 @@ def spiral_world(side: int, *, shaping: bool = True) -> World:
     gain_db = np.full((side, side), -np.inf)
     gain_db[tuple(np.array(cells).T)] = 0.0
     radio_map = RadioMap.from_array(gain_db, CELL_SIZE)
-    return build_world(Task(radio_map=radio_map, start=cells[0], goal=cells[-1], target_db=-1.0, shaping=shaping))
+    return build_world(
+        Task(radio_map=radio_map, start=cells[0], goal=cells[-1], target_db=-1.0, shaping=shaping)
+    )
 
 
 def spiral(side: int) -> list[Cell]:
-    """Cells of a corridor that winds from the corner of a square to its centre, with walls a cell thick."""
+    """Cells of a corridor that winds from the corner of a square to its centre, with walls a cell
+    thick.
+    """
     i, j, di, dj = 0, 0, 1, 0
     cells = [(0, 0)]
     has_turned = False

@@ -1,4 +1,6 @@
-"""`python -m eval sionna`: the paper's room traced by Sionna RT, beside the statistical model's map of it."""
+"""`python -m eval sionna`: the paper's room traced by Sionna RT, beside the statistical model's map
+of it.
+"""
 
 import json
 import sys
@@ -20,9 +22,14 @@ CELL_SIZE = 0.5
 
 
 def main(
-    out: Path = Path("docs"), retrace: bool = True, samples: int = 10_000_000, depth: int = 6, seed: int = 1
+    out: Path = Path("docs"),
+    retrace: bool = True,
+    samples: int = 10_000_000,
+    depth: int = 6,
+    seed: int = 1,
 ) -> int:
-    """Trace the paper's room, save the map, and write a page with the oracle's path on it and on the model's map.
+    """Trace the paper's room, save the map, and write a page with the oracle's path on it and on
+    the model's map.
 
     Writes OUT/sionna.npz, OUT/sionna.json, OUT/sionna.md and OUT/figures/sionna.png, .svg and .csv.
 
@@ -47,7 +54,8 @@ def main(
         settings = json.loads((out / "sionna.json").read_text(encoding="utf-8"))
     except ModuleNotFoundError as error:
         print(
-            f'python -m eval sionna: {error}: pip install "irs_gym[sionna]", on Debian also libllvm19', file=sys.stderr
+            f'python -m eval sionna: {error}: pip install "irs_gym[sionna]", on Debian also libllvm19',
+            file=sys.stderr,
         )
         return 2
     except (OSError, ValueError) as error:
@@ -60,7 +68,9 @@ def main(
 
 def trace_into(out: Path, study: Study, samples: int, depth: int, seed: int) -> None:
     """Trace twice, by two seeds, and save the first map and how it was made."""
-    traced, again = (trace(study.scene, study.cell_size, samples, depth, each) for each in (seed, seed + 1))
+    traced, again = (
+        trace(study.scene, study.cell_size, samples, depth, each) for each in (seed, seed + 1)
+    )
     both = traced.free & again.free
     noise_db = float(np.std(traced.gain_db[both] - again.gain_db[both]) / np.sqrt(2))
     settings = {"rays": samples, "reflections": depth, "seed": seed, "noise_db": noise_db}
@@ -74,7 +84,10 @@ def write_page(study: Study, traced: RadioMap, settings: dict[str, Any], out: Pa
     """Write OUT/sionna.md and its figure."""
     model, ends = study.radio_map(WITHOUT), (study.start, study.goal)
     maps = {"statistical model": model, "traced by Sionna RT": traced}
-    paths = {title: shortest_path(each.feasible(PATHS_AT_DB), *ends, CELL_SIZE) for title, each in maps.items()}
+    paths = {
+        title: shortest_path(each.feasible(PATHS_AT_DB), *ends, CELL_SIZE)
+        for title, each in maps.items()
+    }
     found = {title: path for title, path in paths.items() if path is not None}
     draw_maps(study, maps, found, out / "figures", "sionna")
     curves = {title: trade_off(each.gain_db, *ends, CELL_SIZE) for title, each in maps.items()}
@@ -91,8 +104,16 @@ def write_page(study: Study, traced: RadioMap, settings: dict[str, Any], out: Pa
     ]  # fmt: skip
     both = model.free & traced.free
     apart = traced.gain_db[both] - model.gain_db[both]
-    header = ("map", "mean gain (dB)", "feasible up to (dB)", f"distance at {PATHS_AT_DB:g} dB (m)", "all steps")
-    materials = ", ".join(f"{part} of {thickness:g} m {name}" for part, (name, thickness) in MATERIALS.items())
+    header = (
+        "map",
+        "mean gain (dB)",
+        "feasible up to (dB)",
+        f"distance at {PATHS_AT_DB:g} dB (m)",
+        "all steps",
+    )
+    materials = ", ".join(
+        f"{part} of {thickness:g} m {name}" for part, (name, thickness) in MATERIALS.items()
+    )
     text = page(
         "# A ray tracer in place of the model",
         "`irs_gym.from_sionna` takes the path-gain map of [Sionna RT](https://nvlabs.github.io/sionna/rt/), so that "
@@ -107,7 +128,10 @@ def write_page(study: Study, traced: RadioMap, settings: dict[str, Any], out: Pa
         f"Over the {np.count_nonzero(both):,} free cells the traced gain lies {apart.mean():+.2f} dB from the model's "
         f"on average, with a standard deviation of {apart.std():.2f} dB: the room reflects, and the shadows behind "
         "metal boxes are of all depths, where the model has one law for all.",
-        picture("sionna", f"Both maps on one scale, and the shortest path at {PATHS_AT_DB:g} dB on each."),
+        picture(
+            "sionna",
+            f"Both maps on one scale, and the shortest path at {PATHS_AT_DB:g} dB on each.",
+        ),
         "The saved map is an environment:",
         "```python\n"
         "import gymnasium\n\n"

@@ -50,8 +50,11 @@ class Bar:
     is_met: bool | None
 
 
-def main(out: Path = Path("docs"), rounds: int = 15, seconds: float = 0.2, repeats: int = 200) -> int:
-    """Time the environments beside others and write speed.md and speed.json; fails where a bar is missed.
+def main(
+    out: Path = Path("docs"), rounds: int = 15, seconds: float = 0.2, repeats: int = 200
+) -> int:
+    """Time the environments beside others and write speed.md and speed.json; fails where a bar is
+    missed.
 
     Others that are not installed are left out: pip install -e ".[peers,peers-jax]" brings them.
 
@@ -105,14 +108,24 @@ def measure(rounds: int, seconds: float, repeats: int) -> dict[str, Any]:
     }
     return {
         "format_version": 1,
-        "machine": {"cpu": _cpu(), "cores": os.cpu_count(), "load_before": load, "load_after": os.getloadavg()[0]},
+        "machine": {
+            "cpu": _cpu(),
+            "cores": os.cpu_count(),
+            "load_before": load,
+            "load_after": os.getloadavg()[0],
+        },
         "versions": provenance.versions() | _peer_versions(),
         "commit": provenance.commit(),
         "width": flatdim(gymnasium.make(ID).observation_space),
         "settings": {"rounds": rounds, "seconds": seconds, "repeats": repeats},
-        "races": {title: {"rates": rates[title].by_name, "left_out": left_out[title]} for title in RACES},
+        "races": {
+            title: {"rates": rates[title].by_name, "left_out": left_out[title]} for title in RACES
+        },
         "costs": {kind: [asdict(each) for each in some] for kind, some in found.items()},
-        "bars": [asdict(each) for each in judge(rates, [cost for some in found.values() for cost in some])],
+        "bars": [
+            asdict(each)
+            for each in judge(rates, [cost for some in found.values() for cost in some])
+        ],
     }
 
 
@@ -131,9 +144,13 @@ def judge(rates: dict[str, Rates], found: list[EventCost]) -> list[Bar]:
         if cost.what in MOST_SECONDS:
             most = MOST_SECONDS[cost.what]
             measured = f"{cost.seconds.median * 1e3:.3g} ms"
-            bars.append(Bar(cost.what, f"under {most * 1e3:g} ms", measured, cost.seconds.median < most))
+            bars.append(
+                Bar(cost.what, f"under {most * 1e3:g} ms", measured, cost.seconds.median < most)
+            )
     runs = sum(cost.dijkstra_runs or 0 for cost in found if cost.what != NEW_GOAL)
-    bars.append(Bar("Dijkstra runs of a reset to a goal used before", "none", f"{runs:g}", runs == 0))
+    bars.append(
+        Bar("Dijkstra runs of a reset to a goal used before", "none", f"{runs:g}", runs == 0)
+    )
     return bars
 
 

@@ -36,8 +36,8 @@ def main(
     Parameters
     ----------
     policy
-        An algorithm with a pretrained model (ppo, dqn, planner, explorer ...), a run folder, the file of a network,
-        or a reference policy (oracle, replanning, greedy ...).
+        An algorithm with a pretrained model (ppo, dqn, planner, explorer ...), a run folder, the
+        file of a network, or a reference policy (oracle, replanning, greedy ...).
     place
         Where it plays.
     human
@@ -59,18 +59,24 @@ def main(
             return 0
         episode = show_in_window(found, fps) if human else show(found, fps)
     except DependencyNotInstalled:
-        print("python -m eval watch: the window needs pygame: pip install pygame-ce", file=sys.stderr)
+        print(
+            "python -m eval watch: the window needs pygame: pip install pygame-ce", file=sys.stderr
+        )
         return 2
     except (OSError, ValueError) as error:
         print(f"python -m eval watch: {error}", file=sys.stderr)
         return 2
     ended = "reached the goal" if episode.is_success else "did not reach the goal"
-    print(f"{ended} after {episode.distance:.3f} m; the oracle needs {episode.oracle_distance:.3f} m")
+    print(
+        f"{ended} after {episode.distance:.3f} m; the oracle needs {episode.oracle_distance:.3f} m"
+    )
     return 0
 
 
 def show(found: LoadedPolicy, fps: int) -> EpisodeResult:
-    """Play an episode in the terminal; where the output goes elsewhere, only the last frame is written."""
+    """Play an episode in the terminal; where the output goes elsewhere, only the last frame is
+    written.
+    """
     console, policy, env = Console(), found.policy, found.env
     if not console.is_terminal:
         episode = roll_out(policy, env, options=found.options)

@@ -1,4 +1,6 @@
-"""Sections of docs/paper.md beyond the paper: exact trade-offs, exact levels, the grid, a second scene, cost."""
+"""Sections of docs/paper.md beyond the paper: exact trade-offs, exact levels, the grid, a second
+scene, cost.
+"""
 
 from collections.abc import Sequence
 from math import isfinite, log
@@ -32,7 +34,9 @@ def trade_off_section(study: Study) -> str:
 
 
 def distinct_gains(gain_db: NDArray[np.float64]) -> int:
-    """How many gains a map holds, those of obstacles left out; gains that rounding alone keeps apart are one."""
+    """How many gains a map holds, those of obstacles left out; gains that rounding alone keeps
+    apart are one.
+    """
     gains = np.sort(gain_db[np.isfinite(gain_db)])
     return int(np.count_nonzero(np.diff(gains) > 1e-9)) + min(1, len(gains))
 
@@ -52,7 +56,10 @@ def optimal_section(study: Study) -> str:
         "arXiv 2211.04704, arXiv 2211.04167, and the comment on them by Pekcan and Ayanoglu), against the nearest "
         "levels:",
         table(header, rows),
-        picture("optimal_quantiser", "What the optimal 1-bit levels gain over the nearest ones, cell by cell."),
+        picture(
+            "optimal_quantiser",
+            "What the optimal 1-bit levels gain over the nearest ones, cell by cell.",
+        ),
     )
 
 
@@ -69,7 +76,9 @@ def grid_section(rows: Sequence[tuple[float, float, float]]) -> str:
         "to centre. No path of the grid can be shorter, so this is what a robot free of the eight directions could "
         "save at most. Continuous phases:",
         table(header, lines),
-        picture("cost_of_grid", "The oracle's distance and the straight-line bound over the target."),
+        picture(
+            "cost_of_grid", "The oracle's distance and the straight-line bound over the target."
+        ),
     )
 
 
@@ -80,7 +89,14 @@ def own_scene_section(study: Study, target_db: float) -> str:
     rows = []
     for name, each in (("both", study), ("none", without)):
         steps = each.curve(CONTINUOUS)
-        rows.append((name, f"{steps.targets_db[-1]:.3f}", f"{steps.distances[0]:.3f}", f"{steps.distances[-1]:.3f}"))
+        rows.append(
+            (
+                name,
+                f"{steps.targets_db[-1]:.3f}",
+                f"{steps.distances[0]:.3f}",
+                f"{steps.distances[-1]:.3f}",
+            )
+        )
     lengths = [each.distance(CONTINUOUS, target_db) for each in (study, without)]
     return page(
         "## A second scene",
@@ -89,7 +105,10 @@ def own_scene_section(study: Study, target_db: float) -> str:
         f"{len(scene.irs_panels)} panels. A cell is served by the access point of the highest gain. The panels' "
         "line-of-sight parts add coherently and their scattered parts are independent, so Lemma 1 keeps its form with "
         "sums over the panels (last row of the corrections above).",
-        table(("panels", "feasible up to (dB)", "distance at low targets (m)", "at the highest (m)"), rows),
+        table(
+            ("panels", "feasible up to (dB)", "distance at low targets (m)", "at the highest (m)"),
+            rows,
+        ),
         picture(scene.name, f"Map and shortest path at {target_db:.2f} dB, continuous phases."),
         f"At that target the path is {lengths[0]:.3f} m long; without the panels "
         + (f"it is {lengths[1]:.3f} m." if isfinite(lengths[1]) else "there is none."),
@@ -104,7 +123,7 @@ A measured or traced map serves in place of the closed form (`RadioMap.from_arra
 """
 
 
-# --- cost ------------------------------------------------------------------------------------------------------------
+# --- cost -----------------------------------------------------------------------------------------
 
 
 def cost_promises(costs: Sequence[ScalingCost]) -> list[Promise]:
@@ -113,17 +132,26 @@ def cost_promises(costs: Sequence[ScalingCost]) -> list[Promise]:
     paths = [cost for cost in costs if cost.distance is not None]
     small = min((cost for cost in maps if "continuous" in cost.task), key=lambda cost: cost.cells)
     peak = max(cost.peak_mib for cost in maps)
-    found = {cells: [c.distance for c in paths if c.cells == cells] for cells in {c.cells for c in paths}}
+    found = {
+        cells: [c.distance for c in paths if c.cells == cells] for cells in {c.cells for c in paths}
+    }
     apart = max(max(lengths) - min(lengths) for lengths in found.values())
-    growth = {task: _growth([cost for cost in costs if cost.task == task]) for task in {c.task for c in maps}}
+    growth = {
+        task: _growth([cost for cost in costs if cost.task == task])
+        for task in {c.task for c in maps}
+    }
     return [
         Promise(
-            f"{small.task}, {small.cells:,} cells: under 5 ms", f"{1e3 * small.seconds:.2f} ms", small.seconds < 5e-3
+            f"{small.task}, {small.cells:,} cells: under 5 ms",
+            f"{1e3 * small.seconds:.2f} ms",
+            small.seconds < 5e-3,
         ),
         Promise("any map: under 1 GiB of peak memory", f"{peak:.0f} MiB", peak < 1024),
         Promise(
             "maps: time grows linearly with the cells, as cells^a with a < 1.2",
-            ", ".join(f"{task.removeprefix('map, ')} {a:.2f}" for task, a in sorted(growth.items())),
+            ", ".join(
+                f"{task.removeprefix('map, ')} {a:.2f}" for task, a in sorted(growth.items())
+            ),
             max(growth.values()) < 1.2,
         ),
         Promise("all packages find the same distance, to 1e-9 m", f"{apart:.0e} m", apart < 1e-9),
@@ -131,7 +159,9 @@ def cost_promises(costs: Sequence[ScalingCost]) -> list[Promise]:
 
 
 def _growth(costs: Sequence[ScalingCost]) -> float:
-    """Exponent of time over cells, up to the largest map from the one after the smallest, which is all overhead."""
+    """Exponent of time over cells, up to the largest map from the one after the smallest, which is
+    all overhead.
+    """
     ordered = sorted(costs, key=lambda cost: cost.cells)
     first, last = ordered[1], ordered[-1]
     return log(last.seconds / first.seconds) / log(last.cells / first.cells)
@@ -148,7 +178,9 @@ def cost_section(machine: dict[str, Any], costs: Sequence[ScalingCost]) -> str:
         for task, of_task in by_task.items()
         if task != "imports alone"
     ]
-    where = ", ".join(f"{name} {value}" for name, value in machine.items() if name not in ("processor", "cores"))
+    where = ", ".join(
+        f"{name} {value}" for name, value in machine.items() if name not in ("processor", "cores")
+    )
     idle = next(cost.peak_mib for cost in costs if cost.task == "imports alone")
     return page(
         "## Cost",

@@ -22,7 +22,8 @@ class Claim:
     printed
         Its number, or "" where it is in words.
     ours
-        Our values with the phases rounded as in `QUANTISERS`; a single one where the rounding has no part in it.
+        Our values with the phases rounded as in `QUANTISERS`; a single one where the rounding has
+        no part in it.
     difference
         Ours, with the nearest level, minus the printed one.
     is_met
@@ -65,7 +66,9 @@ def number(
     return Claim(
         text=text,
         printed=f"{printed:g}{unit}",
-        ours=tuple(f"{value:.{digits}f}{unit}" if isfinite(value) else "infeasible" for value in values),
+        ours=tuple(
+            f"{value:.{digits}f}{unit}" if isfinite(value) else "infeasible" for value in values
+        ),
         difference=f"{difference:+.{digits}f}" if isfinite(difference) else "",
         is_met=abs(difference) <= tolerance,
         is_promised=is_promised,

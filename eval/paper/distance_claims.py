@@ -1,4 +1,6 @@
-"""`threshold_claims`, `distance_claims`, `element_claims`: what the paper says of its Figs. 5 and 6."""
+"""`threshold_claims`, `distance_claims`, `element_claims`: what the paper says of its Figs. 5 and
+6.
+"""
 
 from collections.abc import Callable, Sequence
 from math import inf
@@ -6,18 +8,30 @@ from math import inf
 import numpy as np
 
 from eval.paper.claim import ELEMENTS_AT_DB, Claim, number
-from eval.paper.study import CONTINUOUS, ONE_BIT, SCHEMES, THREE_BIT, TWO_BIT, WITHOUT, Scheme, Study
+from eval.paper.study import (
+    CONTINUOUS,
+    ONE_BIT,
+    SCHEMES,
+    THREE_BIT,
+    TWO_BIT,
+    WITHOUT,
+    Scheme,
+    Study,
+)
 from irs_gym import TradeOff
 from irs_gym.radio.irs import Quantiser
 
-# --- IV-3: distance over the target ----------------------------------------------------------------------------------
+# --- IV-3: distance over the target ---------------------------------------------------------------
 
 
 def threshold_claims(study: Study) -> list[Claim]:
     """Highest feasible targets, Fig. 5."""
     steps = [study.curve(scheme).distances for scheme in SCHEMES]
     without, continuous = study.threshold(WITHOUT), study.threshold(CONTINUOUS)
-    readings = [[study.threshold(scheme, each) for each in ("as_printed", "nearest")] for scheme in (ONE_BIT, TWO_BIT)]
+    readings = [
+        [study.threshold(scheme, each) for each in ("as_printed", "nearest")]
+        for scheme in (ONE_BIT, TWO_BIT)
+    ]
     return [
         Claim(
             "Fig. 5: the distance generally increases with the target",
@@ -39,7 +53,14 @@ def threshold_claims(study: Study) -> list[Claim]:
             f"are one; at -62.1 dB itself ours is {'still feasible' if without >= -62.1 else 'infeasible'}.",
         ),
         number(
-            "1 bit, feasible up to", -60.9, _of(study, ONE_BIT), " dB", 3, 0.05, False, _between(-60.9, *readings[0])
+            "1 bit, feasible up to",
+            -60.9,
+            _of(study, ONE_BIT),
+            " dB",
+            3,
+            0.05,
+            False,
+            _between(-60.9, *readings[0]),
         ),
         number(
             "2 bit, feasible up to",
@@ -72,12 +93,21 @@ def distance_claims(study: Study) -> list[Claim]:
     finer = (TWO_BIT, THREE_BIT, CONTINUOUS)
 
     def one_bit_excess(quantiser: Quantiser, low: float = -61.9, high: float = -60.9) -> float:
-        return max(excess(study.curve(ONE_BIT, quantiser), study.curve(s, quantiser), low, high) for s in finer)
+        return max(
+            excess(study.curve(ONE_BIT, quantiser), study.curve(s, quantiser), low, high)
+            for s in finer
+        )
 
     one_bit, other = (study.distance(scheme, ELEMENTS_AT_DB) for scheme in (ONE_BIT, CONTINUOUS))
     top = study.threshold(ONE_BIT)
-    lost = {scheme: lost_db(study.curve(scheme), study.curve(CONTINUOUS)) for scheme in (ONE_BIT, TWO_BIT, THREE_BIT)}
-    farther = {s: excess(study.curve(s), study.curve(CONTINUOUS), -inf, study.threshold(s)) for s in finer[:2]}
+    lost = {
+        scheme: lost_db(study.curve(scheme), study.curve(CONTINUOUS))
+        for scheme in (ONE_BIT, TWO_BIT, THREE_BIT)
+    }
+    farther = {
+        s: excess(study.curve(s), study.curve(CONTINUOUS), -inf, study.threshold(s))
+        for s in finer[:2]
+    }
     return [
         number(
             "Without IRS, for targets from -63.5 to -62.5 dB, up to so much farther",
@@ -102,7 +132,9 @@ def distance_claims(study: Study) -> list[Claim]:
         Claim(
             "The degradation by 2 or 3 bits is negligible",
             "",
-            (f"{lost[TWO_BIT]:.2f} and {lost[THREE_BIT]:.2f} dB of target at most, 1 bit {lost[ONE_BIT]:.2f} dB",),
+            (
+                f"{lost[TWO_BIT]:.2f} and {lost[THREE_BIT]:.2f} dB of target at most, 1 bit {lost[ONE_BIT]:.2f} dB",
+            ),
             "",
             bool(max(lost[TWO_BIT], lost[THREE_BIT]) < lost[ONE_BIT] / 2),
             True,
@@ -125,7 +157,8 @@ def _of(study: Study, scheme: Scheme) -> Callable[[Quantiser], float]:
 
 
 def excess(longer: TradeOff, shorter: TradeOff, low_db: float, high_db: float) -> float:
-    """By how many per cent the one curve lies above the other at most, over all targets of a range, exactly.
+    """By how many per cent the one curve lies above the other at most, over all targets of a range,
+    exactly.
 
     +inf where the first alone is infeasible somewhere in the range.
     """
@@ -133,11 +166,15 @@ def excess(longer: TradeOff, shorter: TradeOff, low_db: float, high_db: float) -
     targets = np.concatenate([[low_db, high_db], steps, np.nextafter(steps, inf)])
     targets = targets[(targets >= low_db) & (targets <= high_db)]
     targets = targets[np.isfinite(shorter.distance_at(targets))]
-    return float(100 * np.max(longer.distance_at(targets) / shorter.distance_at(targets) - 1, initial=-inf))
+    return float(
+        100 * np.max(longer.distance_at(targets) / shorter.distance_at(targets) - 1, initial=-inf)
+    )
 
 
 def lost_db(coarse: TradeOff, fine: TradeOff) -> float:
-    """How much lower the target must be at most for the coarse scheme to be no longer than the fine one, in dB."""
+    """How much lower the target must be at most for the coarse scheme to be no longer than the fine
+    one, in dB.
+    """
     lost = [-inf]
     for target_db, distance in zip(fine.targets_db, fine.distances, strict=True):
         reached = coarse.targets_db[coarse.distances <= distance + 1e-9]
@@ -145,7 +182,7 @@ def lost_db(coarse: TradeOff, fine: TradeOff) -> float:
     return float(max(lost))
 
 
-# --- IV-4: distance over the number of elements ----------------------------------------------------------------------
+# --- IV-4: distance over the number of elements ---------------------------------------------------
 
 
 ROWS = 18  # of sub-surfaces on a panel, the most whose distances are compared
@@ -157,21 +194,28 @@ def element_counts(study: Study, rows: int = ROWS) -> range:
     return range(step, rows * step + 1, step)
 
 
-def extra_elements(study: Study, coarse: Scheme, finer: Sequence[Scheme], quantiser: Quantiser) -> float:
+def extra_elements(
+    study: Study, coarse: Scheme, finer: Sequence[Scheme], quantiser: Quantiser
+) -> float:
     """How many more elements the coarse scheme needs at most for a distance that a finer one has.
 
-    The finer ones have up to `ROWS` rows of sub-surfaces. The coarse one may have twice as many; infinite where it
-    needs yet more.
+    The finer ones have up to `ROWS` rows of sub-surfaces. The coarse one may have twice as many;
+    infinite where it needs yet more.
     """
     counts = element_counts(study, 2 * ROWS)
 
     def fewest(scheme: Scheme, distance: float) -> float:
         lengths = (study.distance(scheme, ELEMENTS_AT_DB, quantiser, m) for m in counts)
-        return next((m for m, length in zip(counts, lengths, strict=False) if length <= distance + 1e-9), inf)
+        return next(
+            (m for m, length in zip(counts, lengths, strict=False) if length <= distance + 1e-9),
+            inf,
+        )
 
     extra = [0.0]
     for scheme in finer:
-        reached = {study.distance(scheme, ELEMENTS_AT_DB, quantiser, m) for m in element_counts(study)} - {inf}
+        reached = {
+            study.distance(scheme, ELEMENTS_AT_DB, quantiser, m) for m in element_counts(study)
+        } - {inf}
         extra += [fewest(coarse, distance) - fewest(scheme, distance) for distance in reached]
     return max(extra)
 
@@ -180,15 +224,22 @@ def element_claims(study: Study) -> list[Claim]:
     """What the paper's Fig. 6 shows."""
     counts, finer = element_counts(study), (TWO_BIT, THREE_BIT, CONTINUOUS)
     schemes = [scheme for scheme in SCHEMES if scheme.has_irs]
-    lengths = np.array([[study.distance(scheme, ELEMENTS_AT_DB, elements=m) for m in counts] for scheme in schemes])
-    two, three = (extra_elements(study, scheme, [CONTINUOUS], "nearest") for scheme in (TWO_BIT, THREE_BIT))
+    lengths = np.array(
+        [[study.distance(scheme, ELEMENTS_AT_DB, elements=m) for m in counts] for scheme in schemes]
+    )
+    two, three = (
+        extra_elements(study, scheme, [CONTINUOUS], "nearest") for scheme in (TWO_BIT, THREE_BIT)
+    )
     return [
         Claim(
             f"Fig. 6, {ELEMENTS_AT_DB:g} dB: the distance generally decreases with M",
             "",
             (f"from {lengths.max():.3f} to {lengths.min():.3f} m, never up",),
             "",
-            bool(np.all(lengths[:, 1:] <= lengths[:, :-1] + 1e-9) and np.all(lengths[:, 0] > lengths[:, -1])),
+            bool(
+                np.all(lengths[:, 1:] <= lengths[:, :-1] + 1e-9)
+                and np.all(lengths[:, 0] > lengths[:, -1])
+            ),
             True,
         ),
         number(

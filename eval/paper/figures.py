@@ -23,10 +23,34 @@ LINES: dict[str, dict[str, Any]] = {
     "3 bit": {"color": "#762a83", "linestyle": "-.", "linewidth": 1.6, "marker": "v"},
     "continuous": {"color": "#08306b", "linestyle": ":", "linewidth": 2.0, "marker": "D"},
 }
-START = {"marker": "D", "markersize": 9, "color": "white", "markeredgecolor": "black", "linestyle": "none"}
-GOAL = {"marker": "s", "markersize": 9, "color": "white", "markeredgecolor": "black", "linestyle": "none"}
-ACCESS_POINT = {"marker": "^", "markersize": 11, "color": "black", "markeredgecolor": "white", "linestyle": "none"}
-PANEL = {"marker": "s", "markersize": 10, "color": "black", "markeredgecolor": "white", "linestyle": "none"}
+START = {
+    "marker": "D",
+    "markersize": 9,
+    "color": "white",
+    "markeredgecolor": "black",
+    "linestyle": "none",
+}
+GOAL = {
+    "marker": "s",
+    "markersize": 9,
+    "color": "white",
+    "markeredgecolor": "black",
+    "linestyle": "none",
+}
+ACCESS_POINT = {
+    "marker": "^",
+    "markersize": 11,
+    "color": "black",
+    "markeredgecolor": "white",
+    "linestyle": "none",
+}
+PANEL = {
+    "marker": "s",
+    "markersize": 10,
+    "color": "black",
+    "markeredgecolor": "white",
+    "linestyle": "none",
+}
 OBSTACLE = {"facecolor": "#d9d9d9", "edgecolor": "#666666", "hatch": "////", "linewidth": 0.8}
 
 STYLE = {
@@ -44,11 +68,15 @@ STYLE = {
 @contextmanager
 def new_figure(width: float, height: float) -> Iterator[Figure]:
     """An empty figure of so many inches, in the style of all."""
-    with matplotlib.rc_context({**matplotlib.rcParamsDefault, "backend": matplotlib.get_backend(), **STYLE}):
+    with matplotlib.rc_context(
+        {**matplotlib.rcParamsDefault, "backend": matplotlib.get_backend(), **STYLE}
+    ):
         yield Figure(figsize=(width, height), layout="constrained")
 
 
-def save(figure: Figure, folder: Path, name: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+def save(
+    figure: Figure, folder: Path, name: str, header: Sequence[str], rows: Iterable[Sequence[Any]]
+) -> None:
     """Write ``name.png``, ``name.svg`` and ``name.csv`` into a folder, each as a whole."""
     folder.mkdir(parents=True, exist_ok=True)
     # Neither dates nor versions, so that nothing but the data changes a file.
@@ -59,7 +87,9 @@ def save(figure: Figure, folder: Path, name: str, header: Sequence[str], rows: I
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows([f"{value:.9g}" if isinstance(value, float) else value for value in row] for row in rows)
+    writer.writerows(
+        [f"{value:.9g}" if isinstance(value, float) else value for value in row] for row in rows
+    )
     write_file(folder / f"{name}.csv", text.getvalue().encode())
 
 
@@ -85,5 +115,9 @@ def draw_floor(axes: Axes, scene: Scene) -> None:
             x, y = [point[0] for point in points], [point[1] for point in points]
             axes.plot(x, y, label=label, zorder=5, clip_on=False, **style)
     axes.set(
-        xlim=(room.x_min, room.x_max), ylim=(room.y_min, room.y_max), aspect="equal", xlabel="x (m)", ylabel="y (m)"
+        xlim=(room.x_min, room.x_max),
+        ylim=(room.y_min, room.y_max),
+        aspect="equal",
+        xlabel="x (m)",
+        ylabel="y (m)",
     )

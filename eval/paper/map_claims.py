@@ -1,4 +1,6 @@
-"""`map_claims`, `path_claims`, `model_claims`: what the paper says of its maps, its paths and its solution."""
+"""`map_claims`, `path_claims`, `model_claims`: what the paper says of its maps, its paths and its
+solution.
+"""
 
 from math import inf
 
@@ -43,7 +45,9 @@ def map_claims(study: Study) -> list[Claim]:
         Claim(
             "An IRS improves the gain considerably, most of all around itself",
             "",
-            (f"{near.mean():.1f} dB within 5 m of it, {far.mean():.1f} dB beyond, up to {gain.max():.1f} dB",),
+            (
+                f"{near.mean():.1f} dB within 5 m of it, {far.mean():.1f} dB beyond, up to {gain.max():.1f} dB",
+            ),
             "",
             bool(gain.min() >= 0 and near.mean() > 2 * far.mean()),
             True,
@@ -60,7 +64,9 @@ def path_claims(study: Study) -> list[Claim]:
     for scheme in (WITHOUT, ONE_BIT, CONTINUOUS):
         path = study.path(scheme, PATHS_AT_DB)
         lengths[scheme] = inf if path is None else path.distance
-        closest[scheme] = inf if path is None else np.linalg.norm(floor[tuple(path.cells.T)] - ap, axis=-1).min()
+        closest[scheme] = (
+            inf if path is None else np.linalg.norm(floor[tuple(path.cells.T)] - ap, axis=-1).min()
+        )
     with_irs = min(closest[ONE_BIT], closest[CONTINUOUS])
     return [
         Claim(
@@ -75,7 +81,9 @@ def path_claims(study: Study) -> list[Claim]:
         Claim(
             "and is longer than with IRS, 1 bit or continuous",
             "",
-            (f"{lengths[WITHOUT]:.3f} m against {lengths[ONE_BIT]:.3f} m and {lengths[CONTINUOUS]:.3f} m",),
+            (
+                f"{lengths[WITHOUT]:.3f} m against {lengths[ONE_BIT]:.3f} m and {lengths[CONTINUOUS]:.3f} m",
+            ),
             "",
             bool(max(lengths[ONE_BIT], lengths[CONTINUOUS]) < lengths[WITHOUT] < inf),
             True,
@@ -94,7 +102,9 @@ def model_claims(study: Study) -> list[Claim]:
         Claim(
             "Eq. (13): the phases of eq. (14) attain the upper bound",
             "",
-            (f"{'to' if gap < 1e-9 else 'not to'} 1e-9 dB in all {np.count_nonzero(free)} free cells",),
+            (
+                f"{'to' if gap < 1e-9 else 'not to'} 1e-9 dB in all {np.count_nonzero(free)} free cells",
+            ),
             "",
             bool(gap < 1e-9),
             True,
@@ -114,10 +124,17 @@ def model_claims(study: Study) -> list[Claim]:
     ]
 
 
-def _drops_at_shadows(gain_db: Floats, free: NDArray[np.bool_], is_clear: NDArray[np.bool_]) -> Floats:
-    """Gains in dB of free cells in sight minus those of their free neighbours along x or y that are not."""
+def _drops_at_shadows(
+    gain_db: Floats, free: NDArray[np.bool_], is_clear: NDArray[np.bool_]
+) -> Floats:
+    """Gains in dB of free cells in sight minus those of their free neighbours along x or y that are
+    not.
+    """
     drops = []
-    for one, other in (((slice(1, None),), (slice(None, -1),)), ((..., slice(1, None)), (..., slice(None, -1)))):
+    for one, other in (
+        ((slice(1, None),), (slice(None, -1),)),
+        ((..., slice(1, None)), (..., slice(None, -1))),
+    ):
         for clear, shadow in ((one, other), (other, one)):
             edge = free[clear] & free[shadow] & is_clear[clear] & ~is_clear[shadow]
             drops.append(gain_db[clear][edge] - gain_db[shadow][edge])
@@ -125,7 +142,9 @@ def _drops_at_shadows(gain_db: Floats, free: NDArray[np.bool_], is_clear: NDArra
 
 
 def _gap_to_bound(study: Study) -> float:
-    """Largest distance in dB, over the free cells, of the upper bound from the gain with the phases put in."""
+    """Largest distance in dB, over the free cells, of the upper bound from the gain with the phases
+    put in.
+    """
     positions = study.antennas()[study.radio_map(CONTINUOUS).free]
     site = channel(study.scene, study.scene.access_points[0], positions)
     turned = site.reflected_los("far_field") * np.exp(1j * site.phase_shifts(Hardware()))

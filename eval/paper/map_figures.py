@@ -1,4 +1,6 @@
-"""Figures over the floor: the scene (the paper's Fig. 2), gain maps (Fig. 3), paths (Fig. 4) and beyond."""
+"""Figures over the floor: the scene (the paper's Fig. 2), gain maps (Fig. 3), paths (Fig. 4) and
+beyond.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -13,14 +15,32 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
 from eval.paper.claim import PATHS_AT_DB
-from eval.paper.figures import ACCESS_POINT, GOAL, LINES, OBSTACLE, PANEL, START, draw_floor, minus, new_figure, save
+from eval.paper.figures import (
+    ACCESS_POINT,
+    GOAL,
+    LINES,
+    OBSTACLE,
+    PANEL,
+    START,
+    draw_floor,
+    minus,
+    new_figure,
+    save,
+)
 from eval.paper.study import CONTINUOUS, ONE_BIT, WITHOUT, Study
 from irs_gym import Path as Route
 from irs_gym import RadioMap, Scene
 from irs_gym.radio.scene import IrsPanel
 from irs_gym.units import Floats, wavelength_m
 
-FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))  # of a box's 8 corners
+FACES = (
+    (0, 1, 3, 2),
+    (4, 5, 7, 6),
+    (0, 1, 5, 4),
+    (2, 3, 7, 6),
+    (0, 2, 6, 4),
+    (1, 3, 7, 5),
+)  # of a box's 8 corners
 
 
 def draw_scene(study: Study, folder: Path) -> None:
@@ -29,12 +49,23 @@ def draw_scene(study: Study, folder: Path) -> None:
     with new_figure(7, 5) as figure:
         axes = figure.add_subplot(projection="3d", computed_zorder=False)
         for box in scene.obstacles:
-            corners = np.array(np.meshgrid(*zip(box.lower, box.upper, strict=True), indexing="ij")).reshape(3, 8).T
+            corners = (
+                np.array(np.meshgrid(*zip(box.lower, box.upper, strict=True), indexing="ij"))
+                .reshape(3, 8)
+                .T
+            )
             axes.add_collection3d(
-                Poly3DCollection(corners[np.array(FACES)], facecolor="#bdbdbd", edgecolor="#404040", linewidth=0.7)
+                Poly3DCollection(
+                    corners[np.array(FACES)],
+                    facecolor="#bdbdbd",
+                    edgecolor="#404040",
+                    linewidth=0.7,
+                )
             )
         for panel in scene.irs_panels:
-            axes.add_collection3d(Poly3DCollection([_outline(panel, scene)], facecolor="black", edgecolor="black"))
+            axes.add_collection3d(
+                Poly3DCollection([_outline(panel, scene)], facecolor="black", edgecolor="black")
+            )
         height = scene.antenna_height
         for style, label, points in (
             (ACCESS_POINT, "AP", [each.position for each in scene.access_points]),
@@ -45,14 +76,29 @@ def draw_scene(study: Study, folder: Path) -> None:
             x, y, z = zip(*points, strict=True)
             axes.plot(x, y, z, label=label, zorder=9, **style)
             for point in points:  # a plumb line down to the floor
-                axes.plot(*zip(point, (*point[:2], 0.0), strict=True), color="#404040", linewidth=0.8, linestyle=":")
+                axes.plot(
+                    *zip(point, (*point[:2], 0.0), strict=True),
+                    color="#404040",
+                    linewidth=0.8,
+                    linestyle=":",
+                )
         axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
         axes.locator_params(nbins=5)
-        axes.set(xlim=(room.x_min, room.x_max), ylim=(room.y_min, room.y_max), zlim=(0, room.height))
-        axes.set_box_aspect((room.x_max - room.x_min, room.y_max - room.y_min, 1.6 * room.height), zoom=1.05)
+        axes.set(
+            xlim=(room.x_min, room.x_max), ylim=(room.y_min, room.y_max), zlim=(0, room.height)
+        )
+        axes.set_box_aspect(
+            (room.x_max - room.x_min, room.y_max - room.y_min, 1.6 * room.height), zoom=1.05
+        )
         axes.view_init(elev=32, azim=-58)
         axes.legend(loc="upper right")
-        save(figure, folder, "scene", ("part", "x_m", "y_m", "z_m", "size_x_m", "size_y_m", "size_z_m"), _parts(scene))
+        save(
+            figure,
+            folder,
+            "scene",
+            ("part", "x_m", "y_m", "z_m", "size_x_m", "size_y_m", "size_z_m"),
+            _parts(scene),
+        )
 
 
 def _outline(panel: IrsPanel, scene: Scene) -> Floats:
@@ -64,7 +110,9 @@ def _outline(panel: IrsPanel, scene: Scene) -> Floats:
 
 
 def _parts(scene: Scene) -> list[tuple[object, ...]]:
-    rows: list[tuple[object, ...]] = [("obstacle", *box.center, box.size[2] / 2, *box.size) for box in scene.obstacles]
+    rows: list[tuple[object, ...]] = [
+        ("obstacle", *box.center, box.size[2] / 2, *box.size) for box in scene.obstacles
+    ]
     rows += [("access point", *each.position, "", "", "") for each in scene.access_points]
     for panel in scene.irs_panels:
         low, high = _outline(panel, scene)[[0, 2]]
@@ -76,19 +124,28 @@ def _parts(scene: Scene) -> list[tuple[object, ...]]:
 
 def draw_gain_maps(study: Study, folder: Path) -> None:
     """Gain without and with IRS on one scale: the paper's Fig. 3."""
-    maps = {"without IRS": study.radio_map(WITHOUT), "with IRS, continuous phases": study.radio_map(CONTINUOUS)}
+    maps = {
+        "without IRS": study.radio_map(WITHOUT),
+        "with IRS, continuous phases": study.radio_map(CONTINUOUS),
+    }
     draw_maps(study, maps, {}, folder, "gain_maps")
 
 
-def draw_maps(study: Study, maps: dict[str, RadioMap], paths: dict[str, Route], folder: Path, name: str) -> None:
-    """Maps side by side on one scale, by their titles, each with the path of its title, if there is one."""
+def draw_maps(
+    study: Study, maps: dict[str, RadioMap], paths: dict[str, Route], folder: Path, name: str
+) -> None:
+    """Maps side by side on one scale, by their titles, each with the path of its title, if there is
+    one.
+    """
     scale = _scale(*(each.gain_db for each in maps.values()))
     steps = {title: np.zeros(each.grid.shape, dtype=int) for title, each in maps.items()}
     with new_figure(5 * len(maps), 4.8) as figure:
         panels = figure.subplots(1, len(maps), sharey=True)
         for axes, (title, radio_map) in zip(panels, maps.items(), strict=True):
             draw_map(axes, radio_map, radio_map.gain_db, scale)
-            draw_floor(axes, study.scene if "with IRS" in title else study.scene.with_irs_elements(0))
+            draw_floor(
+                axes, study.scene if "with IRS" in title else study.scene.with_irs_elements(0)
+            )
             if title in paths:
                 steps[title] = _draw_path(axes, radio_map, paths[title], "shortest path")
             axes.set(title=title, ylabel="" if axes is panels[-1] else "y (m)")
@@ -126,15 +183,26 @@ def draw_paths(study: Study, folder: Path) -> None:
 
 def draw_optimal_gain(study: Study, folder: Path) -> None:
     """What the best levels gain over rounding, for 1 bit."""
-    nearest, optimal = (study.radio_map(ONE_BIT, quantiser).gain_db for quantiser in ("nearest", "optimal"))
-    gain = np.where(np.isfinite(nearest), optimal - np.where(np.isfinite(nearest), nearest, 0), np.nan)
+    nearest, optimal = (
+        study.radio_map(ONE_BIT, quantiser).gain_db for quantiser in ("nearest", "optimal")
+    )
+    gain = np.where(
+        np.isfinite(nearest), optimal - np.where(np.isfinite(nearest), nearest, 0), np.nan
+    )
     with new_figure(6.2, 5.2) as figure:
         axes = figure.subplots()
         draw_map(axes, study.radio_map(ONE_BIT), gain, Normalize(0, np.nanmax(gain)))
         draw_floor(axes, study.scene)
-        _colour_bar(figure, axes, Normalize(0, np.nanmax(gain)), "optimal over nearest levels, 1 bit (dB)")
+        _colour_bar(
+            figure, axes, Normalize(0, np.nanmax(gain)), "optimal over nearest levels, 1 bit (dB)"
+        )
         _legend(figure, axes)
-        save(figure, folder, "optimal_quantiser", *_cell_table(study, {"nearest_db": nearest, "optimal_db": optimal}))
+        save(
+            figure,
+            folder,
+            "optimal_quantiser",
+            *_cell_table(study, {"nearest_db": nearest, "optimal_db": optimal}),
+        )
 
 
 def draw_own_scene(study: Study, target_db: float, folder: Path) -> None:
@@ -155,18 +223,27 @@ def draw_own_scene(study: Study, target_db: float, folder: Path) -> None:
         save(figure, folder, study.scene.name, *_cell_table(study, columns))
 
 
-# --- parts -----------------------------------------------------------------------------------------------------------
+# --- parts ----------------------------------------------------------------------------------------
 
 
 def draw_map(axes: Axes, radio_map: RadioMap, values: Floats, scale: Normalize) -> None:
     """Values of the cells as colours; obstacle cells are left blank."""
     (x, y), (right, top) = radio_map.grid.origin, radio_map.grid.upper
     shown = np.ma.masked_invalid(values).T
-    axes.imshow(shown, origin="lower", extent=(x, right, y, top), cmap="viridis", norm=scale, interpolation="nearest")
+    axes.imshow(
+        shown,
+        origin="lower",
+        extent=(x, right, y, top),
+        cmap="viridis",
+        norm=scale,
+        interpolation="nearest",
+    )
 
 
 def _draw_path(axes: Axes, radio_map: RadioMap, path: Route, label: str) -> NDArray[np.int64]:
-    """Draw a path; returns the number of the step in which it visits each cell, from 1; 0 where it does not."""
+    """Draw a path; returns the number of the step in which it visits each cell, from 1; 0 where it
+    does not.
+    """
     cells = tuple(path.cells.T)
     x, y = radio_map.grid.centres()[cells].T
     axes.plot(x, y, color="white", linewidth=4.5, zorder=3)
@@ -184,21 +261,29 @@ def _scale(*gains: Floats) -> Normalize:
 
 def _colour_bar(figure: Figure, axes: Any, scale: Normalize, label: str) -> None:
     above = "max" if label.startswith("expected") else "neither"
-    figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes, label=label, shrink=0.9, extend=above)
+    figure.colorbar(
+        ScalarMappable(scale, "viridis"), ax=axes, label=label, shrink=0.9, extend=above
+    )
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     handles = [
-        Patch(**OBSTACLE) if label == "obstacle" else handle for handle, label in zip(handles, labels, strict=True)
+        Patch(**OBSTACLE) if label == "obstacle" else handle
+        for handle, label in zip(handles, labels, strict=True)
     ]
     columns = len(labels) if len(labels) <= 6 else -(-len(labels) // 2)
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
 
 
-def _cell_table(study: Study, columns: dict[str, Floats]) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
+def _cell_table(
+    study: Study, columns: dict[str, Floats]
+) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
     """Header and rows, one a cell."""
     centres = study.scene.grid(study.cell_size).centres()
     cells = np.ndindex(centres.shape[:2])
-    rows = [(*cell, *centres[cell].tolist(), *(each[cell].item() for each in columns.values())) for cell in cells]
+    rows = [
+        (*cell, *centres[cell].tolist(), *(each[cell].item() for each in columns.values()))
+        for cell in cells
+    ]
     return ("i", "j", "x_m", "y_m", *columns), rows

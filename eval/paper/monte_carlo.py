@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eval.paper.study import CONTINUOUS, Study
-from irs_gym.radio.irs import Channel, Complexes, Hardware, as_printed_phases, channel, nearest_phases
+from irs_gym.radio.irs import (
+    Channel,
+    Complexes,
+    Hardware,
+    as_printed_phases,
+    channel,
+    nearest_phases,
+)
 from irs_gym.radio.propagation import Link
 from irs_gym.units import Floats, linear_to_db
 
@@ -57,26 +64,35 @@ def estimate(batches: Iterable[Floats]) -> tuple[Floats, Floats, NDArray[np.int6
     return means, np.sqrt(spread / count), count
 
 
-# --- channels, drawn element by element ------------------------------------------------------------------------------
+# --- channels, drawn element by element -----------------------------------------------------------
 
 
 def draw_channels(link: Link, los_phases: Floats, rng: np.random.Generator) -> Complexes:
-    """Rician channels, eqs. (1) to (3), shape ``(BATCH, m)``: line of sight of the given phases, CN(0, 1) scatter."""
+    """Rician channels, eqs. (1) to (3), shape ``(BATCH, m)``: line of sight of the given phases,
+    CN(0, 1) scatter.
+    """
     scatter = rng.standard_normal((BATCH, 2 * len(los_phases))).view(np.complex128) / sqrt(2)
-    return np.asarray(link.los_amplitude * np.exp(1j * los_phases) + np.sqrt(link.scattered_power) * scatter)
+    return np.asarray(
+        link.los_amplitude * np.exp(1j * los_phases) + np.sqrt(link.scattered_power) * scatter
+    )
 
 
-def draw_reflections(site: Channel, shifts: Floats, rng: np.random.Generator) -> tuple[Complexes, complex]:
-    """What reaches one robot position over all panels, shape ``(BATCH,)``, and its line-of-sight part.
+def draw_reflections(
+    site: Channel, shifts: Floats, rng: np.random.Generator
+) -> tuple[Complexes, complex]:
+    """What reaches one robot position over all panels, shape ``(BATCH,)``, and its line-of-sight
+    part.
 
-    Each element has channels of its own, plane waves over its panel, so no sum of the closed form is used.
-    ``shifts`` (N,) are the phase shifts of the sub-surfaces.
+    Each element has channels of its own, plane waves over its panel, so no sum of the closed form
+    is used. ``shifts`` (N,) are the phase shifts of the sub-surfaces.
     """
     total, los, first = np.zeros(BATCH, dtype=complex), 0j, 0
     for cascade in site.cascades:
         panel, wavenumber, pitch = cascade.panel, cascade.wavenumber, cascade.pitch_m
         per_column, per_row = panel.elements_per_subsurface
-        column, row, a, b = np.indices((panel.columns, panel.rows, per_column, per_row)).reshape(4, -1)
+        column, row, a, b = np.indices((panel.columns, panel.rows, per_column, per_row)).reshape(
+            4, -1
+        )
         along = (column * per_column + a - (panel.columns * per_column - 1) / 2) * pitch
         up = (row * per_row + b - (panel.rows * per_row - 1) / 2) * pitch
         elements = along[:, None] * panel.along_wall + up[:, None] * np.array([0.0, 0.0, 1.0])
@@ -85,7 +101,9 @@ def draw_reflections(site: Channel, shifts: Floats, rng: np.random.Generator) ->
 
         ends = _of_one(cascade.ap_link), _of_one(cascade.robot_link)
         phases = [-wavenumber * (end.distance_m - elements @ end.direction) for end in ends]
-        sent, received = (draw_channels(end, phase, rng) for end, phase in zip(ends, phases, strict=True))
+        sent, received = (
+            draw_channels(end, phase, rng) for end, phase in zip(ends, phases, strict=True)
+        )
         total += (received * turned * sent).sum(axis=1)
         amplitude = float(ends[0].los_amplitude * ends[1].los_amplitude)
         los += amplitude * complex((np.exp(1j * (phases[0] + phases[1])) * turned).sum())
@@ -99,26 +117,43 @@ def draw_gains(site: Channel, shifts: Floats, rng: np.random.Generator) -> Float
 
 
 def draw_scatter(site: Channel, shifts: Floats, rng: np.random.Generator) -> Floats:
-    """Draws of the power that reaches one robot position over the panels beside the line-of-sight part."""
+    """Draws of the power that reaches one robot position over the panels beside the line-of-sight
+    part.
+    """
     total, los = draw_reflections(site, shifts, rng)
     return np.asarray(np.abs(total - los) ** 2)
 
 
 def _of_one(link: Link) -> Link:
     """The link of a single position, without the axis of positions."""
-    numbers = {name: getattr(link, name).reshape(()) for name in ("distance_m", "path_gain", "rician_factor")}
+    numbers = {
+        name: getattr(link, name).reshape(())
+        for name in ("distance_m", "path_gain", "rician_factor")
+    }
     return replace(link, direction=link.direction.reshape(3), **numbers)
 
 
-# --- the paper's formulas that need a correction, each where it matters most -----------------------------------------
+# --- the paper's formulas that need a correction, each where it matters most ----------------------
 
 
 def lemma_1(study: Study, draws: int, seed: int) -> Evidence:
     """Second term of Lemma 1: eta_AM (Appendix A), not eta_IM."""
     everywhere = _channels(study)
     gain = everywhere.expected_gain(Hardware())
-    printed = gain - everywhere.direct.scattered_power + everywhere.cascades[0].robot_link.scattered_power
-    return _compare(study, "gain, continuous phases", gain, gain, printed, Hardware(), draw_gains, draws, [seed, 1])
+    printed = (
+        gain - everywhere.direct.scattered_power + everywhere.cascades[0].robot_link.scattered_power
+    )
+    return _compare(
+        study,
+        "gain, continuous phases",
+        gain,
+        gain,
+        printed,
+        Hardware(),
+        draw_gains,
+        draws,
+        [seed, 1],
+    )
 
 
 def tau(study: Study, draws: int, seed: int) -> Evidence:
@@ -128,7 +163,15 @@ def tau(study: Study, draws: int, seed: int) -> Evidence:
     ours = cascade.scattered_power
     printed = ours * cascade.panel.subsurfaces / cascade.panel.elements
     return _compare(
-        study, "scattered power over the panel", gain, ours, printed, Hardware(), draw_scatter, draws, [seed, 2]
+        study,
+        "scattered power over the panel",
+        gain,
+        ours,
+        printed,
+        Hardware(),
+        draw_scatter,
+        draws,
+        [seed, 2],
     )
 
 
@@ -136,17 +179,26 @@ def quantiser(study: Study, draws: int, seed: int) -> Evidence:
     """1-bit phases: nearest on the circle, not on [0, 2 pi) as eq. (20) is printed."""
     wrapped, printed = Hardware(1, "nearest"), Hardware(1, "as_printed")
     ours, rival = (_channels(study).expected_gain(each) for each in (wrapped, printed))
-    return _compare(study, "gain, 1-bit phases", ours, ours, rival, wrapped, draw_gains, draws, [seed, 3])
+    return _compare(
+        study, "gain, 1-bit phases", ours, ours, rival, wrapped, draw_gains, draws, [seed, 3]
+    )
 
 
 def several_panels(study: Study, draws: int, seed: int) -> Evidence:
-    """Lemma 1 over several panels, whose line-of-sight parts add coherently; the rival adds their powers."""
+    """Lemma 1 over several panels, whose line-of-sight parts add coherently; the rival adds their
+    powers.
+    """
     everywhere = _channels(study)
     gain = everywhere.expected_gain(Hardware())
-    panels = [replace(everywhere, cascades=(each,)).reflected_los("far_field") for each in everywhere.cascades]
+    panels = [
+        replace(everywhere, cascades=(each,)).reflected_los("far_field")
+        for each in everywhere.cascades
+    ]
     powers = sum(np.abs(each).sum(axis=1) ** 2 for each in panels)
     rival = np.abs(everywhere.direct_los) ** 2 + powers + everywhere.scattered_power()
-    return _compare(study, "gain, two panels", gain, gain, rival, Hardware(), draw_gains, draws, [seed, 4])
+    return _compare(
+        study, "gain, two panels", gain, gain, rival, Hardware(), draw_gains, draws, [seed, 4]
+    )
 
 
 def _compare(
@@ -160,20 +212,25 @@ def _compare(
     draws: int,
     seed: list[int],
 ) -> Evidence:
-    """Evidence in the cell whose gain changes most if the rival's value (n,) takes the place of ours (n,) in it."""
+    """Evidence in the cell whose gain changes most if the rival's value (n,) takes the place of
+    ours (n,) in it.
+    """
     effect_db = np.abs(linear_to_db((gain - ours + rival) / gain))
     cell = int(np.argmax(effect_db))
     site, rng = _channels(study, cell), np.random.default_rng(seed)
     shifts = site.phase_shifts(hardware)[0]
     estimates = estimate(draw_batch(site, shifts, rng) for _ in range(-(-draws // BATCH)))
-    return Evidence(subject, float(ours[cell]), float(rival[cell]), float(effect_db[cell]), *estimates)
+    return Evidence(
+        subject, float(ours[cell]), float(rival[cell]), float(effect_db[cell]), *estimates
+    )
 
 
 def lost_amplitude_db(bits: int, draws: int, seed: int) -> tuple[float, float, float]:
-    """Reflected amplitude in dB that eq. (20) loses without the wrap: mean over random phases, its error, exactly.
+    """Reflected amplitude in dB that eq. (20) loses without the wrap: mean over random phases, its
+    error, exactly.
 
-    The exact loss is that of the mean of exp(j (theta - theta*)) over uniform theta*: sin(delta/2) L / pi with the
-    wrap; without it, the last level also serves the half step below 2 pi.
+    The exact loss is that of the mean of exp(j (theta - theta*)) over uniform theta*: sin(delta/2)
+    L / pi with the wrap; without it, the last level also serves the half step below 2 pi.
     """
     levels, rng = 2**bits, np.random.default_rng([seed, 5, bits])
     delta, losses = 2 * np.pi / levels, []
@@ -185,7 +242,9 @@ def lost_amplitude_db(bits: int, draws: int, seed: int) -> tuple[float, float, f
         ]
         losses.append(20 * np.log10(kept[0] / kept[1]))
     with_wrap = levels * np.sin(delta / 2) / np.pi
-    without = np.abs((levels - 1) * 2 * np.sin(delta / 2) + (np.exp(1j * delta) - 1) / 1j) / (2 * np.pi)
+    without = np.abs((levels - 1) * 2 * np.sin(delta / 2) + (np.exp(1j * delta) - 1) / 1j) / (
+        2 * np.pi
+    )
     error = np.std(losses, ddof=1) / sqrt(len(losses))
     return float(np.mean(losses)), float(error), float(20 * np.log10(with_wrap / without))
 

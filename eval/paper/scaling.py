@@ -1,4 +1,6 @@
-"""`ScalingCost`: time and memory of maps and paths over the number of cells, other packages in the same run."""
+"""`ScalingCost`: time and memory of maps and paths over the number of cells, other packages in the
+same run.
+"""
 
 import json
 import multiprocessing
@@ -49,7 +51,7 @@ class ScalingCost:
     distance: float | None
 
 
-# --- tasks: each gives what is to be timed ---------------------------------------------------------------------------
+# --- tasks: each gives what is to be timed --------------------------------------------------------
 
 
 def nothing(_side: int) -> Callable[[], None]:
@@ -83,7 +85,9 @@ def oracle(side: int) -> Callable[[], float]:
 
 
 def with_networkx(side: int) -> Callable[[], float]:
-    """networkx, from the feasible map to the path: its graph, then its Dijkstra search with two ends."""
+    """networkx, from the feasible map to the path: its graph, then its Dijkstra search with two
+    ends.
+    """
     import networkx
 
     radio_map, start, goal = _task(side)
@@ -97,7 +101,9 @@ def with_networkx(side: int) -> Callable[[], float]:
             i, j = i[on_map], j[on_map]
             both = feasible[i + di, j + dj]
             one, other = i * side + j, (i + di) * side + j + dj
-            graph.add_weighted_edges_from((a, b, length) for a, b in zip(one[both].tolist(), other[both].tolist()))  # noqa: B905
+            graph.add_weighted_edges_from(
+                (a, b, length) for a, b in zip(one[both].tolist(), other[both].tolist(), strict=False)
+            )
         ends = start[0] * side + start[1], goal[0] * side + goal[1]
         return float(networkx.bidirectional_dijkstra(graph, *ends)[0]) * cell_size
 
@@ -138,11 +144,13 @@ TASKS: dict[str, Callable[[int], Callable[[], Any]]] = {
 LEFT_OUT = {("path, networkx", 1000)}  # minutes, and several GiB of Python objects
 
 
-# --- measurement -----------------------------------------------------------------------------------------------------
+# --- measurement ----------------------------------------------------------------------------------
 
 
 def measure(task: str, side: int) -> ScalingCost:
-    """Cost of a task on a map of ``side`` by ``side`` cells, in this process, which should be a fresh one."""
+    """Cost of a task on a map of ``side`` by ``side`` cells, in this process, which should be a
+    fresh one.
+    """
     run = TASKS[task](side)
     seconds, found = [], None
     while len(seconds) < 3 or (sum(seconds) < 1.0 and len(seconds) < 50):
@@ -159,14 +167,19 @@ def peak_memory() -> int:
     try:
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
         return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM"))
-    except (OSError, StopIteration):  # not Linux; there, getrusage would count the parent's pages too
+    except (
+        OSError,
+        StopIteration,
+    ):  # not Linux; there, getrusage would count the parent's pages too
         import resource
 
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         return peak if sys.platform == "darwin" else peak * 1024
 
 
-def measure_all(sides: tuple[int, ...] = SIDES, report: Callable[[str], None] = print) -> dict[str, Any]:
+def measure_all(
+    sides: tuple[int, ...] = SIDES, report: Callable[[str], None] = print
+) -> dict[str, Any]:
     """All costs, each in a process of its own, one after the other, and what they were measured on."""
     costs = []
     for task in TASKS:
@@ -174,11 +187,20 @@ def measure_all(sides: tuple[int, ...] = SIDES, report: Callable[[str], None] = 
             if (task, side) in LEFT_OUT:
                 continue
             context = multiprocessing.get_context("spawn")
-            with ProcessPoolExecutor(1, context, signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
+            with ProcessPoolExecutor(
+                1, context, signal.signal, (signal.SIGINT, signal.SIG_DFL)
+            ) as pool:
                 costs.append(pool.submit(measure, task, side).result())
-            report(f"{task}, {side * side:,} cells: {costs[-1].seconds:.4g} s, {costs[-1].peak_mib:.0f} MiB")
+            report(
+                f"{task}, {side * side:,} cells: {costs[-1].seconds:.4g} s, {costs[-1].peak_mib:.0f} MiB"
+            )
     packages = {name: version(name) for name in ("numpy", "scipy", "networkx", "scikit-image")}
-    machine = {"processor": _processor(), "cores": os.cpu_count(), "python": platform.python_version(), **packages}
+    machine = {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        **packages,
+    }
     return {"machine": machine, "costs": [asdict(cost) for cost in costs]}
 
 

@@ -31,21 +31,44 @@ def claims_section(claims: Sequence[Claim]) -> str:
         mark = f" ({len(notes)})" if claim.remark else ""
         ours = claim.ours if len(claim.ours) > 1 else (*claim.ours, "", "")
         rows.append((claim.text + mark, claim.printed, *ours, claim.difference, claim.verdict))
-    header = ("the paper says", "printed", "ours, nearest", "as printed", "optimal", "difference", "verdict")
+    header = (
+        "the paper says",
+        "printed",
+        "ours, nearest",
+        "as printed",
+        "optimal",
+        "difference",
+        "verdict",
+    )
     return page("## Claims", table(header, rows), "\n".join(notes))
 
 
 FIGURES = (
     "## Figures",
-    picture("scene", "The scene (the paper's Fig. 2). The bar through the IRS is the panel at its true size."),
-    picture("gain_maps", "Expected channel gain without and with IRS (Fig. 3). Obstacles are hatched."),
-    picture("paths", f"Shortest paths at {PATHS_AT_DB:g} dB (Fig. 4). Where two coincide, both lines show."),
-    picture("distance_over_target", "Shortest distance over the target (Fig. 5): exact steps, no sweep."),
-    picture("distance_over_elements", f"Shortest distance over the elements at {ELEMENTS_AT_DB:g} dB (Fig. 6)."),
+    picture(
+        "scene",
+        "The scene (the paper's Fig. 2). The bar through the IRS is the panel at its true size.",
+    ),
+    picture(
+        "gain_maps", "Expected channel gain without and with IRS (Fig. 3). Obstacles are hatched."
+    ),
+    picture(
+        "paths",
+        f"Shortest paths at {PATHS_AT_DB:g} dB (Fig. 4). Where two coincide, both lines show.",
+    ),
+    picture(
+        "distance_over_target", "Shortest distance over the target (Fig. 5): exact steps, no sweep."
+    ),
+    picture(
+        "distance_over_elements",
+        f"Shortest distance over the elements at {ELEMENTS_AT_DB:g} dB (Fig. 6).",
+    ),
 )
 
 
-def corrections_section(evidence: Sequence[Evidence], lost: dict[int, tuple[float, float, float]]) -> str:
+def corrections_section(
+    evidence: Sequence[Evidence], lost: dict[int, tuple[float, float, float]]
+) -> str:
     """What the formulas have to be, by draws of the channels."""
     where = (
         "Lemma 1, second term: eta_AM (Appendix A), printed eta_IM",
@@ -65,9 +88,18 @@ def corrections_section(evidence: Sequence[Evidence], lost: dict[int, tuple[floa
         )
         for name, each in zip(where, evidence, strict=True)
     ]
-    header = ("formula", "drawn", "mean / ours", "z", "rival / ours", "z", "largest effect on the map (dB)")
+    header = (
+        "formula",
+        "drawn",
+        "mean / ours",
+        "z",
+        "rival / ours",
+        "z",
+        "largest effect on the map (dB)",
+    )
     losses = [
-        (f"{bits} bit", f"{mean:.4f} ± {error:.4f}", f"{exact:.4f}") for bits, (mean, error, exact) in lost.items()
+        (f"{bits} bit", f"{mean:.4f} ± {error:.4f}", f"{exact:.4f}")
+        for bits, (mean, error, exact) in lost.items()
     ]
     return page(
         "## Corrections, by drawn channels",
@@ -88,11 +120,16 @@ def corrections_section(evidence: Sequence[Evidence], lost: dict[int, tuple[floa
 def open_choices_section(study: Study) -> str:
     """How the printed numbers depend on what the paper leaves open."""
     chosen = study.scene.irs_panels[0]
-    variants = [(shape, chosen.pitch_wavelengths) for shape in ((1, 20), (2, 10), (4, 5), (5, 4), (10, 2), (20, 1))]
+    variants = [
+        (shape, chosen.pitch_wavelengths)
+        for shape in ((1, 20), (2, 10), (4, 5), (5, 4), (10, 2), (20, 1))
+    ]
     variants += [(chosen.elements_per_subsurface, pitch) for pitch in (0.05, 0.2, 0.25, 0.5)]
     rows = []
     for shape, pitch in variants:
-        panel = chosen.model_copy(update={"elements_per_subsurface": shape, "pitch_wavelengths": pitch})
+        panel = chosen.model_copy(
+            update={"elements_per_subsurface": shape, "pitch_wavelengths": pitch}
+        )
         other = Study(study.scene.model_copy(update={"irs_panels": (panel,)}), study.cell_size)
         extra = extra_elements(other, ONE_BIT, [CONTINUOUS], "nearest")
         is_chosen = panel == chosen
@@ -101,10 +138,18 @@ def open_choices_section(study: Study) -> str:
             f"{pitch:g}",
             f"{other.threshold(CONTINUOUS):.2f}",
             f"{other.threshold(ONE_BIT):.2f}",
-            f"{extra:.0f}" if isfinite(extra) else f"not by M = {element_counts(other, 2 * ROWS)[-1]:,}",
+            f"{extra:.0f}"
+            if isfinite(extra)
+            else f"not by M = {element_counts(other, 2 * ROWS)[-1]:,}",
         )
         rows.append(tuple(f"**{cell}**" for cell in row) if is_chosen else row)
-    header = ("sub-surface", "pitch (wavelengths)", "continuous up to (dB)", "1 bit up to (dB)", "more elements")
+    header = (
+        "sub-surface",
+        "pitch (wavelengths)",
+        "continuous up to (dB)",
+        "1 bit up to (dB)",
+        "more elements",
+    )
     return page(
         "## What the paper leaves open",
         "The pitch of the elements and the shape of a sub-surface are not in the paper. They are free parameters here, "

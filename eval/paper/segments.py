@@ -13,7 +13,9 @@ POINTS = 41  # looked at along each move, both ends included
 
 @dataclass(frozen=True)
 class Dips:
-    """How many moves there are, how many dip below the target, and how far below the worst falls in dB."""
+    """How many moves there are, how many dip below the target, and how far below the worst falls in
+    dB.
+    """
 
     moves: int
     dips: int
@@ -21,10 +23,14 @@ class Dips:
 
 
 def dips_of_map(study: Study, scheme: Scheme, target_db: float) -> Dips:
-    """Of all moves between two feasible cells, each way counted once. Continuous phases follow the robot."""
+    """Of all moves between two feasible cells, each way counted once. Continuous phases follow the
+    robot.
+    """
     feasible = study.radio_map(scheme).feasible(target_db)
     cells = np.argwhere(feasible)
-    pairs = [np.stack([cells, cells + move], axis=1) for move in MOVES[:4]]  # the other four lead back
+    pairs = [
+        np.stack([cells, cells + move], axis=1) for move in MOVES[:4]
+    ]  # the other four lead back
     both = np.concatenate(pairs)
     on_map = np.all((both[:, 1] >= 0) & (both[:, 1] < feasible.shape), axis=1)
     both = both[on_map]

@@ -57,16 +57,24 @@ class Study:
     def antennas(self) -> NDArray[np.float64]:
         """Places of the robot's antenna over all cell centres in metres, shape ``(X, Y, 3)``."""
         floor = self.scene.grid(self.cell_size).centres()
-        return np.concatenate([floor, np.full((*floor.shape[:2], 1), self.scene.antenna_height)], axis=-1)
+        return np.concatenate(
+            [floor, np.full((*floor.shape[:2], 1), self.scene.antenna_height)], axis=-1
+        )
 
-    def radio_map(self, scheme: Scheme, quantiser: Quantiser = "nearest", elements: int | None = None) -> RadioMap:
+    def radio_map(
+        self, scheme: Scheme, quantiser: Quantiser = "nearest", elements: int | None = None
+    ) -> RadioMap:
         """Map of a scheme, with so many elements on each panel; None: as the scene says."""
         if not scheme.has_irs:
             elements = 0
-        continuous = self.scene.model_copy(update={"phase_bits": None})  # the scheme says the resolution, not the scene
+        continuous = self.scene.model_copy(
+            update={"phase_bits": None}
+        )  # the scheme says the resolution, not the scene
         return _radio_map(continuous, self.cell_size, elements, scheme.phase_bits, quantiser)
 
-    def curve(self, scheme: Scheme, quantiser: Quantiser = "nearest", elements: int | None = None) -> TradeOff:
+    def curve(
+        self, scheme: Scheme, quantiser: Quantiser = "nearest", elements: int | None = None
+    ) -> TradeOff:
         """Shortest distance over the target, exactly."""
         return _curve(self.radio_map(scheme, quantiser, elements), self.start, self.goal)
 
@@ -75,19 +83,31 @@ class Study:
         return float(max(self.curve(scheme, quantiser).targets_db, default=-np.inf))
 
     def distance(
-        self, scheme: Scheme, target_db: float, quantiser: Quantiser = "nearest", elements: int | None = None
+        self,
+        scheme: Scheme,
+        target_db: float,
+        quantiser: Quantiser = "nearest",
+        elements: int | None = None,
     ) -> float:
         """Shortest distance in metres at a target; +inf where it is infeasible."""
         return float(self.curve(scheme, quantiser, elements).distance_at(target_db))
 
     def path(self, scheme: Scheme, target_db: float) -> Path | None:
         """The oracle's path at a target."""
-        return shortest_path(self.radio_map(scheme).feasible(target_db), self.start, self.goal, self.cell_size)
+        return shortest_path(
+            self.radio_map(scheme).feasible(target_db), self.start, self.goal, self.cell_size
+        )
 
-    def gain_at(self, points: NDArray[np.float64], scheme: Scheme = CONTINUOUS) -> NDArray[np.float64]:
-        """Expected gain in dB at any places (..., 2) in metres, not cell centres alone, for continuous phases."""
+    def gain_at(
+        self, points: NDArray[np.float64], scheme: Scheme = CONTINUOUS
+    ) -> NDArray[np.float64]:
+        """Expected gain in dB at any places (..., 2) in metres, not cell centres alone, for
+        continuous phases.
+        """
         scene = self.scene if scheme.has_irs else self.scene.with_irs_elements(0)
-        places = np.concatenate([points, np.full((*points.shape[:-1], 1), scene.antenna_height)], axis=-1)
+        places = np.concatenate(
+            [points, np.full((*points.shape[:-1], 1), scene.antenna_height)], axis=-1
+        )
         flat = places.reshape(-1, 3)
         gains = [channel(scene, ap, flat).expected_gain(Hardware()) for ap in scene.access_points]
         return linear_to_db(np.max(gains, axis=0)).reshape(points.shape[:-1])

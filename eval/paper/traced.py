@@ -9,7 +9,8 @@ import numpy as np
 from irs_gym import RadioMap, Scene, from_sionna
 from irs_gym.radio.geometry import is_in_footprint
 
-# The faces of a box as triangles whose normals point outwards; the bits of a corner's number are its x, y and z.
+# The faces of a box as triangles whose normals point outwards; the bits of a corner's number are
+# its x, y and z.
 TRIANGLES = np.array(
     [
         *((0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6)),  # below, above
@@ -18,20 +19,28 @@ TRIANGLES = np.array(
     ]
 )
 INSET_M = 0.05  # an antenna on a wall is moved into the room by this much: rays cannot start within a surface
-MATERIALS = {"room": ("concrete", 0.2), "obstacle": ("metal", 0.01)}  # ITU-R P.2040, and thickness in metres
+MATERIALS = {
+    "room": ("concrete", 0.2),
+    "obstacle": ("metal", 0.01),
+}  # ITU-R P.2040, and thickness in metres
 
 
 def write_box(path: Path, lower: Any, upper: Any, is_room: bool = False) -> None:
     """Write a box as a PLY mesh. Normals point out of the material: outwards, but into a room.
 
-    Sionna turns the normals of a file around, which leaves them as in the scenes that it brings along.
+    Sionna turns the normals of a file around, which leaves them as in the scenes that it brings
+    along.
     """
     z, y, x = np.meshgrid(*zip(lower[::-1], upper[::-1], strict=True), indexing="ij")
     corners = np.stack([x, y, z], axis=-1).reshape(8, 3)
     triangles = TRIANGLES[:, ::-1] if is_room else TRIANGLES
     header = ["ply", "format ascii 1.0", f"element vertex {len(corners)}"]
     header += [f"property float {axis}" for axis in "xyz"]
-    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header"]
+    header += [
+        f"element face {len(triangles)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
     body = [" ".join(f"{value:.9g}" for value in corner) for corner in corners]
     body += [" ".join(map(str, (3, *triangle))) for triangle in triangles.tolist()]
     path.write_text("\n".join([*header, *body]) + "\n", encoding="ascii")
@@ -57,8 +66,8 @@ def inside(scene: Scene, position: tuple[float, float, float]) -> list[float]:
 def trace(scene: Scene, cell_size: float, samples: int, max_depth: int, seed: int) -> RadioMap:
     """Radio map at the robot's antenna height, without IRS, from isotropic antennas.
 
-    Needs sionna-rt (``pip install "irs_gym[sionna]"``). Paths are direct, reflected up to ``max_depth`` times, or
-    diffracted once; nothing passes through walls or boxes.
+    Needs sionna-rt (``pip install "irs_gym[sionna]"``). Paths are direct, reflected up to
+    ``max_depth`` times, or diffracted once; nothing passes through walls or boxes.
     """
     from sionna import rt
 
@@ -69,12 +78,19 @@ def trace(scene: Scene, cell_size: float, samples: int, max_depth: int, seed: in
         for part, paths in write_meshes(scene, Path(folder)).items():
             material, thickness = MATERIALS[part]
             surface = rt.ITURadioMaterial(f"{part}-{material}", material, thickness=thickness)
-            objects = [rt.SceneObject(fname=str(path), name=path.stem, radio_material=surface) for path in paths]
+            objects = [
+                rt.SceneObject(fname=str(path), name=path.stem, radio_material=surface)
+                for path in paths
+            ]
             world.edit(add=objects)
-    world.tx_array = world.rx_array = rt.PlanarArray(num_rows=1, num_cols=1, pattern="iso", polarization="V")
+    world.tx_array = world.rx_array = rt.PlanarArray(
+        num_rows=1, num_cols=1, pattern="iso", polarization="V"
+    )
     for n, point in enumerate(scene.access_points):
         world.add(rt.Transmitter(f"access-point-{n}", position=inside(scene, point.position)))
-    middle = [(low + high) / 2 for low, high in zip(scene.room.lower, scene.room.upper, strict=True)]
+    middle = [
+        (low + high) / 2 for low, high in zip(scene.room.lower, scene.room.upper, strict=True)
+    ]
     result = rt.RadioMapSolver()(
         world,
         center=[*middle, scene.antenna_height],

@@ -16,7 +16,8 @@ DASHES = ("-", "--", "-.", ":")
 
 
 def draw_curves(algorithms: Mapping[str, Sequence[Curve]]) -> bytes:
-    """Left: mean SPL of the tests over training steps, with its 95 % band. Right: seeds at the optimum over seconds.
+    """Left: mean SPL of the tests over training steps, with its 95 % band. Right: seeds at the
+    optimum over seconds.
 
     A run that stopped keeps its last SPL, as its policy does.
     """
@@ -26,11 +27,20 @@ def draw_curves(algorithms: Mapping[str, Sequence[Curve]]) -> bytes:
         style = {"color": f"C{n % 10}", "linestyle": DASHES[n % len(DASHES)], "linewidth": 1.8}
         steps, spl = align(curves)
         middle, low, high = band(spl)
-        left.plot(steps, middle, label=f"{name} ({len(curves)} seed{'s' * (len(curves) > 1)})", **style)
+        left.plot(
+            steps, middle, label=f"{name} ({len(curves)} seed{'s' * (len(curves) > 1)})", **style
+        )
         left.fill_between(steps, low, high, color=style["color"], alpha=0.2, linewidth=0)
         _draw_arrivals(right, curves, style)
-    left.set(xlabel="training steps", ylabel="SPL of the tested policy", ylim=(-0.03, 1.03), xscale="log")
-    right.set(xlabel="seconds of training", ylabel="seeds at the optimum", ylim=(-0.03, 1.03), xscale="log")
+    left.set(
+        xlabel="training steps", ylabel="SPL of the tested policy", ylim=(-0.03, 1.03), xscale="log"
+    )
+    right.set(
+        xlabel="seconds of training",
+        ylabel="seeds at the optimum",
+        ylim=(-0.03, 1.03),
+        xscale="log",
+    )
     right.yaxis.set_major_formatter(PercentFormatter(1.0))
     for axes in (left, right):
         axes.grid(alpha=0.3)
@@ -41,11 +51,14 @@ def draw_curves(algorithms: Mapping[str, Sequence[Curve]]) -> bytes:
 def align(curves: Sequence[Curve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """SPL of curves ``(seeds, T)`` at all steps ``(T,)`` where one of them was tested.
 
-    Between its tests a curve holds the SPL of the latest; before the first it is 0, since nothing has been learned.
+    Between its tests a curve holds the SPL of the latest; before the first it is 0, since nothing
+    has been learned.
     """
     steps = np.unique(np.concatenate([each.steps for each in curves]))
     latest = [np.searchsorted(each.steps, steps, side="right") for each in curves]
-    return steps, np.stack([np.append(0.0, each.spl)[at] for each, at in zip(curves, latest, strict=True)])
+    return steps, np.stack(
+        [np.append(0.0, each.spl)[at] for each, at in zip(curves, latest, strict=True)]
+    )
 
 
 def _draw_arrivals(axes: Axes, curves: Sequence[Curve], style: Mapping[str, object]) -> None:

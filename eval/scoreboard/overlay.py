@@ -25,7 +25,8 @@ RIM = [patheffects.withStroke(linewidth=7.0, foreground="black")]
 def draw_path_overlay(
     world: World, paths: Mapping[str, EpisodeResult], dpi: int = 150, *, in_palette: bool = False
 ) -> bytes:
-    """A picture of the map, the obstacles, the cells below the target, and paths, each with its length.
+    """A picture of the map, the obstacles, the cells below the target, and paths, each with its
+    length.
 
     The first path is drawn broadest, so that the others show on it. ``dpi`` and ``in_palette`` are
     those of `as_png`.
@@ -38,7 +39,9 @@ def draw_path_overlay(
     bar.ax.axhline(world.target_db, color="black", linewidth=1.5)
     for n, (name, episode) in enumerate(paths.items()):
         points = world.radio_map.grid.centres()[tuple(episode.path.T)]
-        label = f"{name}: {episode.distance:.3f} m" + ("" if episode.is_success else ", goal not reached")
+        label = f"{name}: {episode.distance:.3f} m" + (
+            "" if episode.is_success else ", goal not reached"
+        )
         line = axes.plot(*points.T, label=label, solid_capstyle="round", **_style(n))[0]
         if n == 0:
             line.set_path_effects(RIM)
@@ -54,10 +57,16 @@ def draw_path_overlay(
 
 
 def _style(n: int) -> dict[str, Any]:
-    """Colour and dashes of path n: all but the second have gaps, through which others show; 15 look different."""
+    """Colour and dashes of path n: all but the second have gaps, through which others show; 15 look
+    different.
+    """
     if n == 0:
         return BROAD
-    return {"color": COLOURS[(n - 1) % 5], "linestyle": DASHES[n % 3] if n > 1 else "-", "linewidth": 2.2}
+    return {
+        "color": COLOURS[(n - 1) % 5],
+        "linestyle": DASHES[n % 3] if n > 1 else "-",
+        "linewidth": 2.2,
+    }
 
 
 def draw_map(axes: Axes, world: World) -> AxesImage:
@@ -65,28 +74,58 @@ def draw_map(axes: Axes, world: World) -> AxesImage:
     grid, gain_db = world.radio_map.grid, world.radio_map.gain_db
     (left, bottom), (right, top) = grid.origin, grid.upper
     free = world.radio_map.free
-    image = axes.imshow(np.where(free, gain_db, np.nan).T, origin="lower", extent=(left, right, bottom, top))
+    image = axes.imshow(
+        np.where(free, gain_db, np.nan).T, origin="lower", extent=(left, right, bottom, top)
+    )
     axes.set_facecolor("black")
     below = np.argwhere(free & ~world.feasible)
     if len(below):
         corners = [grid.origin + cell * grid.cell_size for cell in below]
-        squares = [Path.unit_rectangle().transformed(Affine2D().scale(grid.cell_size).translate(*at)) for at in corners]
+        squares = [
+            Path.unit_rectangle().transformed(Affine2D().scale(grid.cell_size).translate(*at))
+            for at in corners
+        ]
         shape = Path.make_compound_path(*squares)
-        axes.add_patch(PathPatch(shape, facecolor=(1, 1, 1, 0.55), edgecolor="0.35", hatch="////", linewidth=0))
+        axes.add_patch(
+            PathPatch(shape, facecolor=(1, 1, 1, 0.55), edgecolor="0.35", hatch="////", linewidth=0)
+        )
     return image
 
 
 def draw_ends(axes: Axes, world: World, size: float = 10.0) -> None:
-    """Start and goal, access points and panels; the last two are not known for a map from elsewhere."""
+    """Start and goal, access points and panels; the last two are not known for a map from
+    elsewhere.
+    """
     grid = world.radio_map.grid
-    marks = [("start", "D", "white", [grid.centre(world.start)]), ("goal", "s", "white", [grid.centre(world.goal)])]
+    marks = [
+        ("start", "D", "white", [grid.centre(world.start)]),
+        ("goal", "s", "white", [grid.centre(world.goal)]),
+    ]
     if world.scene is not None:
-        marks.append(("access point", "^", "tab:red", [each.position[:2] for each in world.scene.access_points]))
-        marks.append(("IRS", "P", "tab:cyan", [each.position[:2] for each in world.scene.irs_panels]))
+        marks.append(
+            (
+                "access point",
+                "^",
+                "tab:red",
+                [each.position[:2] for each in world.scene.access_points],
+            )
+        )
+        marks.append(
+            ("IRS", "P", "tab:cyan", [each.position[:2] for each in world.scene.irs_panels])
+        )
     for label, marker, colour, points in marks:
         if points:
             x, y = zip(*points, strict=True)
-            axes.plot(x, y, marker, color=colour, markeredgecolor="black", markersize=size, label=label, clip_on=False)
+            axes.plot(
+                x,
+                y,
+                marker,
+                color=colour,
+                markeredgecolor="black",
+                markersize=size,
+                label=label,
+                clip_on=False,
+            )
 
 
 def _title(world: World) -> str:
@@ -96,6 +135,10 @@ def _title(world: World) -> str:
     elif not world.scene.irs_panels:
         radio = f"scene {world.scene.name!r} without IRS"
     else:
-        phases = "continuous phases" if task.phase_bits is None else f"{task.phase_bits}-bit phases ({task.quantiser})"
+        phases = (
+            "continuous phases"
+            if task.phase_bits is None
+            else f"{task.phase_bits}-bit phases ({task.quantiser})"
+        )
         radio = f"scene {world.scene.name!r} with IRS, {phases}"
     return f"{radio}, target {world.target_db:g} dB"

@@ -46,9 +46,13 @@ HEADS = (
 
 
 def markdown(board: Mapping[str, Any], figures: str) -> str:
-    """The page of a scoreboard (see `eval.commands.board.build`); ``figures`` is the folder that it links to."""
+    """The page of a scoreboard (see `eval.commands.board.build`); ``figures`` is the folder that it
+    links to.
+    """
     commands = "\n".join(f"    {each}" for each in board["commands"])
-    introduction = INTRODUCTION.format(**{**board, "runs": len(board["runs"]), "commands": commands})
+    introduction = INTRODUCTION.format(
+        **{**board, "runs": len(board["runs"]), "commands": commands}
+    )
     problems = [_problem(each, figures) for each in board["problems"]]
     return page(
         introduction, "## At a glance", _glance(board), OVERALL, _overall(board), *problems, _left_out(board),
@@ -77,7 +81,9 @@ def _glance(board: Mapping[str, Any]) -> str:
     for problem in board["problems"]:
         found = {row["name"]: row for row in problem["standings"] if row["kind"] == "learned"}
         rows.append((text(problem["label"]), *(_glimpse(found.get(name)) for name in names)))
-    return "Seeds at the optimum, and median time to it.\n\n" + table(("problem", *map(text, names)), rows)
+    return "Seeds at the optimum, and median time to it.\n\n" + table(
+        ("problem", *map(text, names)), rows
+    )
 
 
 def _glimpse(row: Mapping[str, Any] | None) -> str:
@@ -90,7 +96,11 @@ def _glimpse(row: Mapping[str, Any] | None) -> str:
 def _overall(board: Mapping[str, Any]) -> str:
     heads = ("policy", "problems", "seeds", "runs at the optimum", "SPL mean", "SPL IQM", "SPL gap", "soft-SPL mean",
              "soft-SPL IQM", "soft-SPL gap")  # fmt: skip
-    keys = [f"{score}_{aggregate}" for score in ("spl", "soft_spl") for aggregate in ("mean", "iqm", "gap")]
+    keys = [
+        f"{score}_{aggregate}"
+        for score in ("spl", "soft_spl")
+        for aggregate in ("mean", "iqm", "gap")
+    ]
     rows = [
         (text(each["name"]), f"{each['problems']} of {each['of']}", len(each["seeds"]),
          f"{each['at_optimum']['runs']} of {each['at_optimum']['of']}", *(_cell(each[key], 3) for key in keys))
@@ -101,7 +111,10 @@ def _overall(board: Mapping[str, Any]) -> str:
 
 def _problem(problem: Mapping[str, Any], figures: str) -> str:
     standings = seed_scores_table(problem["standings"])
-    pictures = [f"![{_caption(name)}]({figures}/{name})\n\n*{_caption(name)}.*" for name in problem["figures"]]
+    pictures = [
+        f"![{_caption(name)}]({figures}/{name})\n\n*{_caption(name)}.*"
+        for name in problem["figures"]
+    ]
     distance = f"The oracle needs {problem['oracle_distance']:.3f} m."
     return "\n\n".join([f"## {text(problem['label'])}", distance, standings, *pictures])
 
@@ -115,8 +128,17 @@ def _row(standing: Mapping[str, Any]) -> tuple[str, ...]:
     found, seeds = standing["estimates"], len(standing["seeds"])
     if not found:
         return text(standing["name"]), f"0{_missing(standing)}", *("–" for _ in HEADS[2:])
-    count = f"{seeds}{_missing(standing)}" if standing["kind"] == "learned" else f"{seeds} played" if seeds > 1 else ""
-    cells = [_cell(found[key], digits) for key, digits in (("ratio", 3), ("spl_mean", 3), ("soft_spl_mean", 3))]
+    count = (
+        f"{seeds}{_missing(standing)}"
+        if standing["kind"] == "learned"
+        else f"{seeds} played"
+        if seeds > 1
+        else ""
+    )
+    cells = [
+        _cell(found[key], digits)
+        for key, digits in (("ratio", 3), ("spl_mean", 3), ("soft_spl_mean", 3))
+    ]
     shares = [_share(standing, key) for key in ("at_optimum", "success")]
     clocks = ["", ""]
     if standing["kind"] == "learned":
@@ -140,13 +162,17 @@ def _cell(found: Mapping[str, Any] | None, digits: int | None) -> str:
     if found is None:
         return "–"
     number = _count(found["value"]) if digits is None else _number(found["value"], digits)
-    return f"{number} †" if found["note"] == "all seeds equal" else f"{number}{_below(found, digits)}"
+    return (
+        f"{number} †" if found["note"] == "all seeds equal" else f"{number}{_below(found, digits)}"
+    )
 
 
 def _below(found: Mapping[str, Any], digits: int | None) -> str:
     if found["interval"] is None:
         return ""
-    low, high = (_count(each) if digits is None else _number(each, digits) for each in found["interval"])
+    low, high = (
+        _count(each) if digits is None else _number(each, digits) for each in found["interval"]
+    )
     return f"<br><sub>{low} to {high}</sub>"
 
 

@@ -37,9 +37,13 @@ def html(board: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
     """The page: the scoreboard in Markdown, then every run, with the pictures inside."""
     text = markdown(board, "") + "\n## All runs\n\n" + runs_table(board) + "\n"
     body = MarkdownIt("commonmark").enable("table").render(text)
-    body = body.replace("<table>", '<div class="table"><table>').replace("</table>", "</table></div>")
+    body = body.replace("<table>", '<div class="table"><table>').replace(
+        "</table>", "</table></div>"
+    )
     for name, content in pictures.items():
-        body = body.replace(f'src="/{name}"', f'src="data:image/png;base64,{b64encode(content).decode()}"')
+        body = body.replace(
+            f'src="/{name}"', f'src="data:image/png;base64,{b64encode(content).decode()}"'
+        )
     titles: list[str] = re.findall("<h2>(.*?)</h2>", body)
     for n, title in enumerate(titles):
         body = body.replace(f"<h2>{title}</h2>", f'<h2 id="s{n}">{title}</h2>')

@@ -27,7 +27,9 @@ SETTINGS_LENGTH = 20_000  # at most of a run's settings as JSON, in characters
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Tests of the greedy policy during training, arrays ``(T,)``: when they were, and how they went."""
+    """Tests of the greedy policy during training, arrays ``(T,)``: when they were, and how they
+    went.
+    """
 
     steps: NDArray[np.float64]
     seconds: NDArray[np.float64]
@@ -41,7 +43,9 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What one run achieved: its best (or last) policy's episode from the fixed start, and the tests on the way."""
+    """What one run achieved: its best (or last) policy's episode from the fixed start, and the
+    tests on the way.
+    """
 
     run: Run
     config: Config
@@ -61,13 +65,19 @@ class Result:
 
     @property
     def seconds_to_optimum(self) -> float:
-        """Seconds of training and tests before the first test at the oracle's distance; infinite where none was."""
+        """Seconds of training and tests before the first test at the oracle's distance; infinite
+        where none was.
+        """
         return self.curve.first_optimum(self.curve.seconds)
 
     @property
     def rank(self) -> tuple[float, float, int]:
         """Sorts by ratio, then by steps to the optimum, then by seed."""
-        return inf if self.episode.ratio is None else self.episode.ratio, self.steps_to_optimum, self.seed
+        return (
+            inf if self.episode.ratio is None else self.episode.ratio,
+            self.steps_to_optimum,
+            self.seed,
+        )
 
     @cached_property
     def group(self) -> "Group":
@@ -89,10 +99,16 @@ class Group:
         fixed = {each.name for each in fields(Problem)}
         env = {name: value for name, value in config.env.items() if name not in fixed}
         parts = {"env": env, "agent": config.agent, "training": config.training}
-        flat = {f"{part}.{name}": value for part, values in parts.items() for name, value in values.items()}
+        flat = {
+            f"{part}.{name}": value
+            for part, values in parts.items()
+            for name, value in values.items()
+        }
         settings = json.dumps(flat, sort_keys=True, allow_nan=False)
         if len(settings) > SETTINGS_LENGTH:
-            raise RunError(f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read")
+            raise RunError(
+                f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read"
+            )
         return cls(problem, config.algorithm, settings)
 
     @property
@@ -112,8 +128,14 @@ class LeftOut:
 
     @classmethod
     def of(cls, folder: Path, error: Exception, group: Group | None = None) -> "LeftOut":
-        """A run that raised an error, whichever: a damaged one may raise any. The reason is one line."""
-        said = str(error) if isinstance(error, OSError | ValueError) else f"{type(error).__name__}: {error}"
+        """A run that raised an error, whichever: a damaged one may raise any. The reason is one
+        line.
+        """
+        said = (
+            str(error)
+            if isinstance(error, OSError | ValueError)
+            else f"{type(error).__name__}: {error}"
+        )
         return cls(printable(str(folder)), printable(" ".join(said.split())), group)
 
 
@@ -127,14 +149,21 @@ def find_runs(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise FileNotFoundError(f"{str(folder)!r} is not a folder")
-    found = {file.parent for name in ("config.json", "manifest.json") for file in folder.rglob(name)}
-    return sorted(each for each in found if not each.name.startswith("."))  # those are drafts of `Run.create`
+    found = {
+        file.parent for name in ("config.json", "manifest.json") for file in folder.rglob(name)
+    }
+    return sorted(
+        each for each in found if not each.name.startswith(".")
+    )  # those are drafts of `Run.create`
 
 
-def read_results(folders: Iterable[Path], model: str = "best") -> tuple[list[Result], list[LeftOut]]:
+def read_results(
+    folders: Iterable[Path], model: str = "best"
+) -> tuple[list[Result], list[LeftOut]]:
     """Results of complete runs, and the runs that are left out, in the order of the folders.
 
-    A run is left out where it has not ended, is damaged, no longer does what its manifest says, or repeats another.
+    A run is left out where it has not ended, is damaged, no longer does what its manifest says, or
+    repeats another.
     """
     results: list[Result] = []
     left_out: list[LeftOut] = []
@@ -162,7 +191,8 @@ def read_result(run: Run, model: str = "best") -> Result:
     OSError
         Where a file of it cannot be read.
     ValueError
-        Where the run has not ended, is damaged, or its policy no longer does what its manifest says.
+        Where the run has not ended, is damaged, or its policy no longer does what its manifest
+        says.
     """
     manifest, config = run.manifest, run.config
     if manifest.status == "failed":
@@ -172,7 +202,9 @@ def read_result(run: Run, model: str = "best") -> Result:
     episode = roll_out(run.load_model(model), evaluation_env(run.task))
     told = manifest.models[model].ratio
     if not _is_close(episode.ratio, told):
-        raise RunError(f"its {model} policy now has the ratio {episode.ratio}, and {told} in the manifest")
+        raise RunError(
+            f"its {model} policy now has the ratio {episode.ratio}, and {told} in the manifest"
+        )
     return Result(run, config, problem_of(run.task), episode, _read_curve(run))
 
 
@@ -180,21 +212,28 @@ def _read_curve(run: Run) -> Curve:
     rows = read_curve(run)
     path = run.folder / "learning_curve.csv"
     try:
-        steps, seconds, spl = (np.array([float(row[name]) for row in rows]) for name in ("steps", "seconds", "spl"))
+        steps, seconds, spl = (
+            np.array([float(row[name]) for row in rows]) for name in ("steps", "seconds", "spl")
+        )
         ratio = np.array([float(row["ratio"] or inf) for row in rows])
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{str(path)!r} is damaged: {error!r}") from None
 
     are_clocks = all(
-        np.isfinite(each).all() and each[0] >= 0 and (np.diff(each) >= 0).all() for each in (steps, seconds)
+        np.isfinite(each).all() and each[0] >= 0 and (np.diff(each) >= 0).all()
+        for each in (steps, seconds)
     )
     if not are_clocks or not ((spl >= 0) & (spl <= 1)).all() or np.isnan(ratio).any():
-        raise RunError(f"{str(path)!r} is damaged: steps or seconds go back, or a score is out of its range")
+        raise RunError(
+            f"{str(path)!r} is damaged: steps or seconds go back, or a score is out of its range"
+        )
     return Curve(steps, seconds, spl, ratio <= 1.0 + TOLERANCE)
 
 
 def read_curve(run: Run) -> list[dict[str, str]]:
-    """Rows of a run's learning curve, one or more; raises ``OSError``, or `RunError` where they cannot be read."""
+    """Rows of a run's learning curve, one or more; raises ``OSError``, or `RunError` where they
+    cannot be read.
+    """
     path = run.folder / "learning_curve.csv"
     try:
         rows = list(csv.DictReader(read_file(path, CURVE_BYTES).decode().splitlines()))

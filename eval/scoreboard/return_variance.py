@@ -1,11 +1,13 @@
 """`ReturnVariance`: what a discount makes of the returns on one problem, exactly: why similar
 routes are hard to tell apart.
 
-`best_ratios` gives how far the path of the largest discounted return is from the shortest, from each start.
+`best_ratios` gives how far the path of the largest discounted return is from the shortest, from
+each start.
 
-A learner that starts out moving at random has to tell a route from one that is a little longer by returns that scatter.
-Their scatter under uniformly random moves and the optimum of the discounted problem follow from the transition tables
-by linear equations and by value iteration; nothing is sampled.
+A learner that starts out moving at random has to tell a route from one that is a little longer by
+returns that scatter. Their scatter under uniformly random moves and the optimum of the discounted
+problem follow from the transition tables by linear equations and by value iteration; nothing is
+sampled.
 """
 
 from collections.abc import Sequence
@@ -35,15 +37,16 @@ class ReturnVariance:
     gamma
         Discount factor.
     ratio
-        Length of the path that is best under the discounted reward, over the oracle's: 1 where discounting does not
-        change what is best.
+        Length of the path that is best under the discounted reward, over the oracle's: 1 where
+        discounting does not change what is best.
     longer
         From how many of all starts the best path is longer than the oracle's: "10 of 933".
     spread
-        Standard deviation in metres of the discounted return from the start under uniformly random moves.
+        Standard deviation in metres of the discounted return from the start under uniformly random
+        moves.
     episodes
-        (spread / detour)**2, with a detour of `DETOUR` times the oracle's distance: how many returns have to be
-        averaged before their standard error is as small as the detour.
+        (spread / detour)**2, with a detour of `DETOUR` times the oracle's distance: how many
+        returns have to be averaged before their standard error is as small as the detour.
     """
 
     gamma: float
@@ -55,22 +58,31 @@ class ReturnVariance:
 
 def return_variances(world: World, gammas: Sequence[float]) -> list[ReturnVariance]:
     """The outlook from a world's start to its goal under each discount."""
-    moves, start = transition(world, world.goal), int(np.ravel_multi_index(world.start, world.feasible.shape))
+    moves, start = (
+        transition(world, world.goal),
+        int(np.ravel_multi_index(world.start, world.feasible.shape)),
+    )
     shortest = float(tabulate(world, world.goal).distance_to_go[world.start])
     found = []
     for gamma in gammas:
         ratios = best_ratios(world, gamma)
         spread = random_spread(moves, gamma, start)
         episodes = (spread / (DETOUR * shortest)) ** 2
-        found.append(ReturnVariance(gamma, float(ratios[world.start]), count_longer(ratios), spread, episodes))
+        found.append(
+            ReturnVariance(
+                gamma, float(ratios[world.start]), count_longer(ratios), spread, episodes
+            )
+        )
     return found
 
 
 def best_ratios(world: World, gamma: float) -> Floats:
-    """Length of the path of the largest discounted return over that of the shortest, from each cell to the goal.
+    """Length of the path of the largest discounted return over that of the shortest, from each cell
+    to the goal.
 
-    Shape ``(X, Y)``: 1 where discounting leaves the best path a shortest one, infinite where the best never arrives,
-    NaN where the goal cannot be reached or is reached already. The first of equal moves is taken.
+    Shape ``(X, Y)``: 1 where discounting leaves the best path a shortest one, infinite where the
+    best never arrives, NaN where the goal cannot be reached or is reached already. The first of
+    equal moves is taken.
     """
     moves = transition(world, world.goal)
     to_go = tabulate(world, world.goal).distance_to_go.ravel()
@@ -82,7 +94,8 @@ def best_ratios(world: World, gamma: float) -> Floats:
     every = np.arange(len(best))
     ahead, moved = moves.next_cell[every, choice], moves.moved[every, choice]
 
-    # All robots at once; who has not arrived after as many moves as there are cells goes in a circle.
+    # All robots at once; who has not arrived after as many moves as there are cells goes in a
+    # circle.
     goal = int(np.ravel_multi_index(world.goal, world.feasible.shape))
     at, length = every.copy(), np.zeros(len(best))
     for _ in every:
@@ -92,18 +105,24 @@ def best_ratios(world: World, gamma: float) -> Floats:
         length[under_way] += moved[at[under_way]]
         at[under_way] = ahead[at[under_way]]
     length[at != goal] = np.inf
-    return np.divide(length, to_go, out=np.full(len(best), np.nan), where=is_start).reshape(world.feasible.shape)
+    return np.divide(length, to_go, out=np.full(len(best), np.nan), where=is_start).reshape(
+        world.feasible.shape
+    )
 
 
 def count_longer(ratios: Floats) -> str:
-    """How many ratios are above 1, whatever the rounding of sums, of those that are not NaN: "10 of 933"."""
+    """How many ratios are above 1, whatever the rounding of sums, of those that are not NaN: "10 of
+    933".
+    """
     return f"{(ratios > 1.0 + TOLERANCE).sum():,} of {(~np.isnan(ratios)).sum():,}"
 
 
 def optimal_values(moves: Transition, gamma: float, start: int) -> Floats:
-    """Largest discounted return of each flat cell that the start leads to, by value iteration to a fixed point.
+    """Largest discounted return of each flat cell that the start leads to, by value iteration to a
+    fixed point.
 
-    Values of other cells mean nothing: at a discount of 1 those that the goal cannot be reached from have none.
+    Values of other cells mean nothing: at a discount of 1 those that the goal cannot be reached
+    from have none.
     """
     values, seen = np.zeros(len(moves.next_cell)), reached(moves, start)
     while True:  # to an end: going in circles costs, and the goal can be reached
@@ -122,14 +141,18 @@ def action_values(moves: Transition, values: Floats, gamma: float) -> Floats:
 def random_spread(moves: Transition, gamma: float, start: int) -> float:
     """Standard deviation of the discounted return from a flat cell under uniformly random moves.
 
-    First and second moment, V and M, solve V = E[r] + gamma P V and M = E[r^2 + 2 gamma r V'] + gamma^2 P M, where P
-    leads on from moves that do not end the episode (Sobel 1982, "The variance of discounted Markov decision
-    processes").
+    First and second moment, V and M, solve V = E[r] + gamma P V and M = E[r^2 + 2 gamma r V'] +
+    gamma^2 P M, where P leads on from moves that do not end the episode (Sobel 1982, "The variance
+    of discounted Markov decision processes").
     """
     seen = reached(moves, start)  # elsewhere, a discount of 1 has no finite return
     place = np.zeros(len(moves.next_cell), dtype=np.int64)
     place[seen] = np.arange(len(seen))
-    reward, ahead, goes_on = moves.reward[seen], place[moves.next_cell[seen]], ~moves.is_terminated[seen]
+    reward, ahead, goes_on = (
+        moves.reward[seen],
+        place[moves.next_cell[seen]],
+        ~moves.is_terminated[seen],
+    )
     cells, actions = ahead.shape
     rows = np.repeat(np.arange(cells), actions)
     onward = csr_array((goes_on.ravel() / actions, (rows, ahead.ravel())), shape=(cells, cells))
@@ -142,7 +165,9 @@ def random_spread(moves: Transition, gamma: float, start: int) -> float:
 
 
 def reached(moves: Transition, start: int) -> NDArray[np.int64]:
-    """Flat cells that moves lead to from the start without ending the episode, the start included, sorted."""
+    """Flat cells that moves lead to from the start without ending the episode, the start included,
+    sorted.
+    """
     seen = np.zeros(len(moves.next_cell), dtype=bool)
     seen[start], new = True, np.array([start])
     while len(new):

@@ -13,7 +13,10 @@ from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.policy import Policy
 from agents.rollout.episode import EpisodeResult, roll_out
 
-RANDOM = ("masked_random", "random")  # judged by many episodes; from a fixed start the others always do the same
+RANDOM = (
+    "masked_random",
+    "random",
+)  # judged by many episodes; from a fixed start the others always do the same
 
 
 @dataclass(frozen=True)
@@ -25,9 +28,11 @@ class PolicyScore:
     success
         Share of the episodes that reached the goal.
     distance, ratio
-        Means of the metres travelled, and of these over the oracle's, in the successful episodes; None without any.
+        Means of the metres travelled, and of these over the oracle's, in the successful episodes;
+        None without any.
     spl, soft_spl
-        Success weighted by path length, and the same with progress in place of success: means over all episodes.
+        Success weighted by path length, and the same with progress in place of success: means over
+        all episodes.
     refused, steps
         Means over all episodes of the refused moves and of all moves.
     """
@@ -62,7 +67,8 @@ def score(policy: str, episodes: Sequence[EpisodeResult]) -> PolicyScore:
 def play_references(
     env: gymnasium.Env[Any, Any], learned: dict[str, Policy], episodes: int, seed: int
 ) -> dict[str, list[EpisodeResult]]:
-    """Episodes of each policy by its name: the oracle's, those of the learned policies, those of the other references.
+    """Episodes of each policy by its name: the oracle's, those of the learned policies, those of
+    the other references.
 
     ``episodes`` is how many the random policies play; one is enough for all others.
     """

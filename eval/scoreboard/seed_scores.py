@@ -1,4 +1,6 @@
-"""`SeedScores`: how the seeds of one algorithm, or a reference policy, did on one problem; and over all problems."""
+"""`SeedScores`: how the seeds of one algorithm, or a reference policy, did on one problem; and over
+all problems.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +13,15 @@ from agents.registry import Algorithm
 from agents.rollout.episode import EpisodeResult, evaluation_env
 from eval.scoreboard.results import Group, Result
 from eval.scoreboard.score import RANDOM, play_references
-from eval.statistics import Estimate, estimate, interquartile_mean, mean, median, optimality_gap, share
+from eval.statistics import (
+    Estimate,
+    estimate,
+    interquartile_mean,
+    mean,
+    median,
+    optimality_gap,
+    share,
+)
 
 TITLES: dict[Algorithm, str] = {
     "ppo": "PPO",
@@ -38,13 +48,15 @@ class SeedScores:
     kind
         ``"learned"``, or ``"reference"``.
     seeds
-        Seeds of the runs, or numbers of the episodes of a random policy; one number for a deterministic reference.
+        Seeds of the runs, or numbers of the episodes of a random policy; one number for a
+        deterministic reference.
     left_out
         How many runs of the same kind are left out.
     estimates
-        By name: ``success`` and ``at_optimum`` are shares of the seeds; ``spl_mean``, ``spl_iqm``, ``spl_gap`` and the
-        same of ``soft_spl`` count a failure's SPL as 0; ``ratio``, ``steps_to_optimum`` and ``seconds_to_optimum`` are
-        medians in which a failure is infinite; ``refused`` is a mean.
+        By name: ``success`` and ``at_optimum`` are shares of the seeds; ``spl_mean``, ``spl_iqm``,
+        ``spl_gap`` and the same of ``soft_spl`` count a failure's SPL as 0; ``ratio``,
+        ``steps_to_optimum`` and ``seconds_to_optimum`` are medians in which a failure is infinite;
+        ``refused`` is a mean.
     """
 
     name: str
@@ -60,8 +72,12 @@ class SeedScores:
 
 
 def estimate_as_json(found: Estimate) -> dict[str, Any]:
-    """An estimate for JSON; ``"interval"`` is null where there is none, and null stands for infinity elsewhere."""
-    interval = None if found.low is None or found.high is None else [finite(found.low), finite(found.high)]
+    """An estimate for JSON; ``"interval"`` is null where there is none, and null stands for
+    infinity elsewhere.
+    """
+    interval = (
+        None if found.low is None or found.high is None else [finite(found.low), finite(found.high)]
+    )
     return {"value": finite(found.value), "interval": interval, "note": found.note}
 
 
@@ -78,21 +94,28 @@ def learned(name: str, results: Sequence[Result], left_out: int) -> SeedScores:
     return SeedScores(name, "learned", tuple(each.seed for each in results), left_out, estimates)
 
 
-def references(result: Result, episodes: int, seed: int) -> tuple[dict[str, EpisodeResult], list[SeedScores]]:
+def references(
+    result: Result, episodes: int, seed: int
+) -> tuple[dict[str, EpisodeResult], list[SeedScores]]:
     """Each reference policy's first episode on the problem of a run, and its standing."""
     env = evaluation_env(result.run.task)
     first, standings = {}, []
     for name, played in play_references(env, {}, episodes, seed).items():
         estimates = _of_episodes(played)
         if name not in RANDOM:
-            estimates = {key: replace(each, low=None, high=None, note="") for key, each in estimates.items()}
+            estimates = {
+                key: replace(each, low=None, high=None, note="") for key, each in estimates.items()
+            }
         first[name] = played[0]
-        standings.append(SeedScores(name.replace("_", " "), "reference", tuple(range(len(played))), 0, estimates))
+        standings.append(
+            SeedScores(name.replace("_", " "), "reference", tuple(range(len(played))), 0, estimates)
+        )
     return first, standings
 
 
 def overall(name: str, groups: Sequence[Sequence[Result]], problems: int) -> dict[str, Any]:
-    """Scores of one algorithm over all problems, for JSON; whole seeds are resampled, with all that each one did.
+    """Scores of one algorithm over all problems, for JSON; whole seeds are resampled, with all that
+    each one did.
 
     Where the problems do not have the same seeds, those that all have count.
     """
@@ -104,12 +127,15 @@ def overall(name: str, groups: Sequence[Sequence[Result]], problems: int) -> dic
     for score, value in METRICS.items():
         table = [[value(episodes[seed]) for episodes in by_seed] for seed in seeds]
         for aggregate, statistic in AGGREGATES.items():
-            found[f"{score}_{aggregate}"] = estimate_as_json(estimate(table, statistic)) if seeds else None
+            found[f"{score}_{aggregate}"] = (
+                estimate_as_json(estimate(table, statistic)) if seeds else None
+            )
     return found
 
 
 def group_names(groups: Sequence[Group]) -> dict[Group, str]:
-    """Names of groups: the algorithm's, and the settings in which one differs from the usual one of that algorithm.
+    """Names of groups: the algorithm's, and the settings in which one differs from the usual one of
+    that algorithm.
 
     The usual one is that with the fewest differences from all others.
     """
@@ -118,7 +144,10 @@ def group_names(groups: Sequence[Group]) -> dict[Group, str]:
         same = [each for each in groups if each.algorithm == algorithm]
         usual = min(same, key=lambda one: sum(len(_differences(one, other)) for other in same))
         for group in same:
-            words = [f"{name.partition('.')[2]} {value}" for name, value in _differences(group, usual).items()]
+            words = [
+                f"{name.partition('.')[2]} {value}"
+                for name, value in _differences(group, usual).items()
+            ]
             names[group] = ", ".join([TITLES[algorithm], *words])
     return names
 
@@ -126,7 +155,9 @@ def group_names(groups: Sequence[Group]) -> dict[Group, str]:
 def _differences(group: Group, other: Group) -> dict[str, Any]:
     """The settings of a group that another one does not share."""
     values, others = group.values, other.values
-    return {name: value for name, value in values.items() if name not in others or others[name] != value}
+    return {
+        name: value for name, value in values.items() if name not in others or others[name] != value
+    }
 
 
 def _of_episodes(episodes: Sequence[EpisodeResult]) -> dict[str, Estimate]:
@@ -138,5 +169,7 @@ def _of_episodes(episodes: Sequence[EpisodeResult]) -> dict[str, Estimate]:
     }
     for score, value in METRICS.items():
         values = np.array([value(each) for each in episodes])
-        estimates |= {f"{score}_{name}": estimate(values, statistic) for name, statistic in AGGREGATES.items()}
+        estimates |= {
+            f"{score}_{name}": estimate(values, statistic) for name, statistic in AGGREGATES.items()
+        }
     return estimates

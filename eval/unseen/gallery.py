@@ -1,4 +1,6 @@
-"""`draw_gallery`: where policies do well and where they fail, each beside the oracle's path, as a PNG."""
+"""`draw_gallery`: where policies do well and where they fail, each beside the oracle's path, as a
+PNG.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +29,9 @@ class Scenery:
 
 
 def choose(spl: NDArray[np.float64], detour: NDArray[np.float64]) -> list[int]:
-    """Numbers of two scenes with the longest detours among those solved well, and of two with the lowest SPL."""
+    """Numbers of two scenes with the longest detours among those solved well, and of two with the
+    lowest SPL.
+    """
     well = np.flatnonzero(spl > 0.95)
     best = well[np.argsort(-detour[well], kind="stable")][: COLUMNS // 2]
     return [*best.tolist(), *np.lexsort((-detour, spl))[: COLUMNS // 2].tolist()]
@@ -43,11 +47,15 @@ def draw_gallery(sceneries: Sequence[Scenery]) -> bytes:
         centres = each.world.radio_map.grid.centres()
         oracle = place.plot(*centres[tuple(each.oracle.T)].T, label="oracle", **BROAD)[0]
         oracle.set_path_effects(RIM)
-        place.plot(*centres[tuple(each.episode.path.T)].T, color="tab:red", linewidth=2.0, label="policy")
+        place.plot(
+            *centres[tuple(each.episode.path.T)].T, color="tab:red", linewidth=2.0, label="policy"
+        )
         draw_ends(place, each.world, size=6.0)
         ratio = each.episode.ratio
         result = "goal not reached" if ratio is None else f"{ratio:.3f} times the oracle's"
-        place.set_title(f"{literal(each.policy)}\n{literal(each.scene)}: {result}", fontsize="small")
+        place.set_title(
+            f"{literal(each.policy)}\n{literal(each.scene)}: {result}", fontsize="small"
+        )
         place.set(xticks=[], yticks=[])
     for place in axes[len(sceneries) :]:
         place.set_visible(False)

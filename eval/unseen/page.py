@@ -1,4 +1,6 @@
-"""`markdown`: the page of agents on scenes that they have never seen; and its curve over training scenes."""
+"""`markdown`: the page of agents on scenes that they have never seen; and its curve over training
+scenes.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -75,8 +77,14 @@ def markdown(record: Mapping[str, Any], figures: str) -> str:
     """The page of a record (see `eval.commands.generalisation.record_of`); ``figures`` is the
     folder that it links to.
     """
-    shown = [each for each in record["entrants"] if not is_point(each["algorithm"], each["training_scenes"])]
-    by_track = {track: [each for each in shown if each["track"] == track] for track in ("map", "local")}
+    shown = [
+        each
+        for each in record["entrants"]
+        if not is_point(each["algorithm"], each["training_scenes"])
+    ]
+    by_track = {
+        track: [each for each in shown if each["track"] == track] for track in ("map", "local")
+    }
     local_sets, found = record["sets"]["local"], record["throughput"]
     introduction = INTRODUCTION.format(
         commands="\n".join(f"    {each}" for each in record["commands"] if each),
@@ -103,12 +111,17 @@ def draw_scenes_curve(entrants: Sequence[Mapping[str, Any]]) -> bytes:
     figure = Figure(figsize=(6.0, 3.2), layout="constrained")
     axes = figure.add_subplot()
     for subset, colour in (("all", "C0"), ("hard", "C1")):
-        points = [(each["training_scenes"], each["sets"]["test"].get(subset)) for each in curve_of(entrants)]
+        points = [
+            (each["training_scenes"], each["sets"]["test"].get(subset))
+            for each in curve_of(entrants)
+        ]
         points = [(scenes, found) for scenes, found in points if found]
         axes.plot(*zip(*((n, found["spl"]["value"]) for n, found in points), strict=True), "o-", color=colour,
                   label=f"{subset} test scenes") if points else None  # fmt: skip
         for n, found in points:
-            axes.plot([n] * len(found["spl_by_seed"]), found["spl_by_seed"], ".", color=colour, alpha=0.4)
+            axes.plot(
+                [n] * len(found["spl_by_seed"]), found["spl_by_seed"], ".", color=colour, alpha=0.4
+            )
     axes.set(xscale="log", xlabel="training scenes", ylabel="SPL")
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")
@@ -117,7 +130,11 @@ def draw_scenes_curve(entrants: Sequence[Mapping[str, Any]]) -> bytes:
 
 def curve_of(entrants: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The planning networks that differ in the number of training scenes alone."""
-    planners = [each for each in entrants if each["algorithm"] == "planner" and "encoding margin" not in each["name"]]
+    planners = [
+        each
+        for each in entrants
+        if each["algorithm"] == "planner" and "encoding margin" not in each["name"]
+    ]
     return sorted(planners, key=lambda each: each["training_scenes"])
 
 
@@ -139,7 +156,17 @@ def _sets(sets: Mapping[str, Any]) -> str:
 
 def _scores(entrants: Sequence[Mapping[str, Any]]) -> str:
     is_local = any("over_replanning" in each["sets"]["test"]["all"] for each in entrants)
-    heads = ["policy", "training scenes", "seeds", "success", "SPL", "ratio", "exact", "success, hard", "SPL, hard"]
+    heads = [
+        "policy",
+        "training scenes",
+        "seeds",
+        "success",
+        "SPL",
+        "ratio",
+        "exact",
+        "success, hard",
+        "SPL, hard",
+    ]
     rows = []
     for each in entrants:
         whole, hard = each["sets"]["test"]["all"], each["sets"]["test"].get("hard")
@@ -177,7 +204,10 @@ def _paper(entrants: Sequence[Mapping[str, Any]]) -> str:
     targets = next(each["paper"] for each in entrants if each["paper"])
     heads = ["policy", *(f"{each['target_db']:g} dB" for each in targets)]
     rows = [
-        [text(each["name"]), *(f"{at['exact']} of {at['of']}, {_number(at['ratio'])}" for at in each["paper"])]
+        [
+            text(each["name"]),
+            *(f"{at['exact']} of {at['of']}, {_number(at['ratio'])}" for at in each["paper"]),
+        ]
         for each in entrants
         if each["paper"]
     ]

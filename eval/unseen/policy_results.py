@@ -74,7 +74,9 @@ class PolicyResult:
         """Of the runs."""
         return [run.config.seed for run in self.runs]
 
-    def table(self, name: str, value: Callable[[SceneSetResults], NDArray[Any]]) -> NDArray[np.float64]:
+    def table(
+        self, name: str, value: Callable[[SceneSetResults], NDArray[Any]]
+    ) -> NDArray[np.float64]:
         """A value of each episode in a set, ``(seeds, scenes)``."""
         return np.stack([value(each) for each in self.episodes[name]]).astype(np.float64)
 
@@ -86,7 +88,9 @@ def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
         try:
             run = Run.open(each)
             if not run.is_generalist:
-                raise ValueError(f"{run.config.algorithm} learned in one scene: it belongs on the scoreboard")
+                raise ValueError(
+                    f"{run.config.algorithm} learned in one scene: it belongs on the scoreboard"
+                )
             if run.manifest.status not in COMPLETE:
                 raise ValueError(f"has not ended: its status is {run.manifest.status!r}")
             _check(run)
@@ -97,32 +101,45 @@ def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
 
 
 def pace(run: Run) -> tuple[float, float]:
-    """Steps and seconds of a run's whole training; raises ``OSError``, or `RunError` where they cannot be read."""
+    """Steps and seconds of a run's whole training; raises ``OSError``, or `RunError` where they
+    cannot be read.
+    """
     last = read_curve(run)[-1]
     try:
         steps, seconds = float(last["steps"]), float(last["seconds"])
     except (KeyError, TypeError, ValueError) as error:
-        raise RunError(f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {error!r}") from None
+        raise RunError(
+            f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {error!r}"
+        ) from None
     if not (0 <= steps < inf and 0 < seconds < inf):
-        raise RunError(f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {steps} steps in {seconds} seconds")
+        raise RunError(
+            f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {steps} steps in {seconds} seconds"
+        )
     return steps, seconds
 
 
 def result_of_runs(
-    runs: Sequence[Run], pools: Mapping[Track, Mapping[str, SceneSet]], jobs: int = 1, title: str | None = None
+    runs: Sequence[Run],
+    pools: Mapping[Track, Mapping[str, SceneSet]],
+    jobs: int = 1,
+    title: str | None = None,
 ) -> tuple[list[PolicyResult], list[LeftOut]]:
-    """Play all runs on the sets of their tracks, so many at a time; what was played before is read from their folders.
+    """Play all runs on the sets of their tracks, so many at a time; what was played before is read
+    from their folders.
 
-    What is but a point of the curve over training scenes plays the test scenes alone. A progress bar is shown where it
-    has a title. A run that cannot be played is left out, whatever it raises.
+    What is but a point of the curve over training scenes plays the test scenes alone. A progress
+    bar is shown where it has a title. A run that cannot be played is left out, whatever it raises.
     """
     in_order = sorted(runs, key=lambda run: run.config.seed)
     groups: dict[tuple[str, str], list[tuple[Run, dict[str, SceneSetResults]]]] = {}
     left_out = []
-    # PyTorch works outside of the interpreter's lock. Of its own threads one each is enough: more wait for each other.
+    # PyTorch works outside of the interpreter's lock. Of its own threads one each is enough: more
+    # wait for each other.
     threads = ThreadPoolExecutor(jobs, initializer=partial(torch.set_num_threads, 1))
     try:
-        playing = [threads.submit(_play, run, pools[track_of(run.config.algorithm)]) for run in in_order]
+        playing = [
+            threads.submit(_play, run, pools[track_of(run.config.algorithm)]) for run in in_order
+        ]
         shown = track(playing, title or "", transient=True, disable=title is None)
         for run, played in zip(in_order, shown, strict=True):
             try:
@@ -155,7 +172,10 @@ def result_of_runs(
 def result_of_reference(name: str, pools: Mapping[str, SceneSet], folder: Path) -> PolicyResult:
     """Play a reference policy of the local track; what was played before is read from the folder."""
     player = reference(name)
-    episodes = {each: [kept(folder / f"{name}-{each}.npz", pool, "", player)] for each, pool in pools.items()}
+    episodes = {
+        each: [kept(folder / f"{name}-{each}.npz", pool, "", player)]
+        for each, pool in pools.items()
+    }
     return PolicyResult(name, TITLES[name], "local", None, (), episodes)
 
 
@@ -170,14 +190,18 @@ def track_of(algorithm: str) -> Track:
 
 
 def kept(file: Path, pool: SceneSet, model: str, player: Player) -> SceneSetResults:
-    """Episodes from a file, if they are those of this model, generator and pool; else played, and written there."""
+    """Episodes from a file, if they are those of this model, generator and pool; else played, and
+    written there.
+    """
     names = json.dumps([VERSION, model, pool.names]).encode()
     key = sha256(names + pool.oracle_distance.tobytes()).hexdigest()
     kept_before = _read_episodes(file, key, pool)
     if kept_before is not None:
         return kept_before
     found, content = player.episodes(pool), BytesIO()
-    np.savez_compressed(content, key=np.array(key), is_success=found.is_success, distance=found.distance)
+    np.savez_compressed(
+        content, key=np.array(key), is_success=found.is_success, distance=found.distance
+    )
     file.parent.mkdir(parents=True, exist_ok=True)
     write_file(file, content.getvalue())
     return found
@@ -190,11 +214,18 @@ def _read_episodes(file: Path, key: str, pool: SceneSet) -> SceneSetResults | No
     except (OSError, ValueError):
         return None
     is_success, distance = arrays["is_success"], arrays["distance"]
-    is_whole = is_success.shape == distance.shape == (len(pool),) and (is_success.dtype, distance.dtype) == (
+    is_whole = is_success.shape == distance.shape == (len(pool),) and (
+        is_success.dtype,
+        distance.dtype,
+    ) == (
         bool,
         float,
     )
-    if not is_whole or not np.all((distance >= 0) & (distance < np.inf)) or np.any(is_success & (distance == 0)):
+    if (
+        not is_whole
+        or not np.all((distance >= 0) & (distance < np.inf))
+        or np.any(is_success & (distance == 0))
+    ):
         return None
     if arrays["key"].tolist() != key:
         return None
@@ -218,7 +249,9 @@ def _play(run: Run, pools: Mapping[str, SceneSet]) -> dict[str, SceneSetResults]
     player, played = player_of(run), {}
     for name, pool in pools.items():
         try:
-            played[name] = kept(run.folder / f"unseen-{name}.npz", pool, run.manifest.models["best"].sha256, player)
+            played[name] = kept(
+                run.folder / f"unseen-{name}.npz", pool, run.manifest.models["best"].sha256, player
+            )
         except ValueError:  # a policy of SB3 sees maps of one size
             if run.config.algorithm != "map_ppo":
                 raise
@@ -230,7 +263,9 @@ def _settings(run: Run) -> str:
     agent = {**run.config.agent, "weights": _maker(run.config.agent.get("weights"))}
     settings = json.dumps({"agent": agent, "env": run.config.env}, sort_keys=True, allow_nan=False)
     if len(settings) > SETTINGS_LENGTH:
-        raise RunError(f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read")
+        raise RunError(
+            f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read"
+        )
     return settings
 
 

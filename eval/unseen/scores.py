@@ -1,4 +1,6 @@
-"""`Player` and `UnseenScore`: how policies do on scenes that they did not learn on, with the hard ones apart."""
+"""`Player` and `UnseenScore`: how policies do on scenes that they did not learn on, with the hard
+ones apart.
+"""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -87,9 +89,14 @@ def player_of(run: Run, model: str = "best") -> Player:
         Where the run's policy acts in its own scene alone, or its file is damaged.
     """
     if not run.is_generalist:
-        raise RunError(f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone")
+        raise RunError(
+            f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone"
+        )
     algorithm = run.config.algorithm
-    return Player(algorithm, partial(play_scene_set, run.load_model(model), observation=observation_of(algorithm)))
+    return Player(
+        algorithm,
+        partial(play_scene_set, run.load_model(model), observation=observation_of(algorithm)),
+    )
 
 
 def reference(name: str) -> Player:
@@ -104,7 +111,9 @@ def replan(pool: SceneSet) -> SceneSetResults:
 
 
 def explore_untrained(pool: SceneSet) -> SceneSetResults:
-    """Episodes of an explorer that has learned nothing: to it, all that is unknown costs about an eighth more."""
+    """Episodes of an explorer that has learned nothing: to it, all that is unknown costs about an
+    eighth more.
+    """
     config = ExplorerConfig()
     torch.manual_seed(0)
     return play_scene_set(Explorer(config.shape, config.build_network()), pool)
@@ -123,7 +132,10 @@ def score_of(episodes: SceneSetResults, chosen: NDArray[np.bool_] | None = None)
     chosen = np.ones(len(episodes.spl), dtype=bool) if chosen is None else chosen
     if not chosen.any():
         return UnseenScore(0, None, None, None, None)
-    success, ratio = episodes.is_success[chosen], (episodes.distance / episodes.oracle_distance)[chosen]
+    success, ratio = (
+        episodes.is_success[chosen],
+        (episodes.distance / episodes.oracle_distance)[chosen],
+    )
     return UnseenScore(
         scenes=int(chosen.sum()),
         success=float(success.mean()),
@@ -160,7 +172,10 @@ def write_unseen(run: Run, model: str, found: Found) -> Path:
         "format_version": 1,
         "model": {"name": model, **run.manifest.models[model].model_dump()},
         "config": run.config.model_dump(mode="json"),
-        "scores": {name: {"all": asdict(whole), "hard": asdict(hard)} for name, (_, whole, hard) in found.items()},
+        "scores": {
+            name: {"all": asdict(whole), "hard": asdict(hard)}
+            for name, (_, whole, hard) in found.items()
+        },
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
@@ -169,8 +184,11 @@ def write_unseen(run: Run, model: str, found: Found) -> Path:
     return path
 
 
-def scene_sets_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -> dict[str, SceneSet]:
-    """What is scored on: the first scenes of each split and the paper's, or else the scene files of a folder.
+def scene_sets_of(
+    splits: Sequence[str], num_scenes: int, scenes: Path | None
+) -> dict[str, SceneSet]:
+    """What is scored on: the first scenes of each split and the paper's, or else the scene files of
+    a folder.
 
     Raises
     ------
@@ -181,16 +199,27 @@ def scene_sets_of(splits: Sequence[str], num_scenes: int, scenes: Path | None) -
     """
     if scenes is not None:
         return {str(scenes): scene_set_of(load_scenes(scenes))}
-    return {**{split: build_scene_set(split, num_scenes) for split in splits}, "paper": paper_scene_set()}
+    return {
+        **{split: build_scene_set(split, num_scenes) for split in splits},
+        "paper": paper_scene_set(),
+    }
 
 
 def unseen_table(found: Found) -> Table:
     """The scores as a table for the terminal."""
-    rows = Table(caption=f"hard: a detour above {HARD:g}; ratio: over successes", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    rows = Table(
+        caption=f"hard: a detour above {HARD:g}; ratio: over successes",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
     for column in ("scenes", "number", "success", "SPL", "ratio", "exact"):
         rows.add_column(column, justify="left" if column == "scenes" else "right", no_wrap=True)
     for name, (_, whole, hard) in found.items():
         for label, each in ((name, whole), ("  hard", hard)):
             numbers = (each.success, each.spl, each.ratio, each.exact)
-            rows.add_row(label, str(each.scenes), *("–" if value is None else f"{value:.4f}" for value in numbers))
+            rows.add_row(
+                label,
+                str(each.scenes),
+                *("–" if value is None else f"{value:.4f}" for value in numbers),
+            )
     return rows

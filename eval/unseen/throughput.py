@@ -15,10 +15,12 @@ ROUNDS = 5
 
 
 def throughput(scenes: int = 40, seconds: float = 1.0) -> dict[str, Any]:
-    """Scenes with map and oracle distance a second in this process, and steps a second of the vector environment.
+    """Scenes with map and oracle distance a second in this process, and steps a second of the
+    vector environment.
 
-    Medians over `ROUNDS`; ``scenes`` are drawn in each, and each vector environment is stepped for so many seconds. The
-    load of the machine before it is told along, since all else that runs on it slows this down.
+    Medians over `ROUNDS`; ``scenes`` are drawn in each, and each vector environment is stepped for
+    so many seconds. The load of the machine before it is told along, since all else that runs on it
+    slows this down.
     """
     load = os.getloadavg()[0]
     return {

@@ -1,4 +1,6 @@
-"""The head of a split: its first scenes, a hundred at a time from the cache or built, in several processes at once."""
+"""The head of a split: its first scenes, a hundred at a time from the cache or built, in several
+processes at once.
+"""
 
 import os
 import subprocess
@@ -16,25 +18,35 @@ from irs_gym.datasets.splits import split_of
 SHARD_SCENES = 100  # scenes; what is built in one go, and kept in one file
 
 
-def build_shards(split: str, count: int, *, jobs: int | None, progress: bool | None, folder: Path | None) -> Shard:
-    """The first ``count`` scenes of a split; see `irs_gym.datasets.scene_set.build_scene_set`. Takes
-    them as they are drawn.
+def build_shards(
+    split: str, count: int, *, jobs: int | None, progress: bool | None, folder: Path | None
+) -> Shard:
+    """The first ``count`` scenes of a split; see `irs_gym.datasets.scene_set.build_scene_set`.
+    Takes them as they are drawn.
     """
     from tqdm import tqdm
 
     if jobs is not None and jobs < 1:
-        raise ValueError(f"jobs={jobs} must be 1 or more processes, or None for as many as there are processors")
+        raise ValueError(
+            f"jobs={jobs} must be 1 or more processes, or None for as many as there are processors"
+        )
     blocks = {
         first: _recalled(folder, split, first, min(SHARD_SCENES, count - first))
         for first in range(0, count, SHARD_SCENES)
     }
     ready = sum(min(SHARD_SCENES, count - first) for first, block in blocks.items() if block)
     if ready < count:
-        missing = {first: min(SHARD_SCENES, count - first) for first, block in blocks.items() if not block}
+        missing = {
+            first: min(SHARD_SCENES, count - first) for first, block in blocks.items() if not block
+        }
         title = f"{split} scenes, built once"
         hidden = None if progress is None else not progress
-        with tqdm(total=count, initial=ready, desc=title, unit="scene", delay=1.0, disable=hidden) as bar:
-            for first, block in _built(split, missing, min(len(missing), jobs or _processors()), bar.update):
+        with tqdm(
+            total=count, initial=ready, desc=title, unit="scene", delay=1.0, disable=hidden
+        ) as bar:
+            for first, block in _built(
+                split, missing, min(len(missing), jobs or _processors()), bar.update
+            ):
                 blocks[first] = block
                 definition = definition_of(split, first, missing[first])
                 write_cached(folder, file_of(definition, split, first), block.to_bytes(definition))
@@ -63,11 +75,15 @@ def _built(
 def built_elsewhere(split: str, first: int, count: int) -> Shard | None:
     """The block, built in a process of its own; None where that fails.
 
-    The process is a plain one of this module's own and not one of `multiprocessing`, which would run a script without
-    a main guard again in each.
+    The process is a plain one of this module's own and not one of `multiprocessing`, which would
+    run a script without a main guard again in each.
     """
     command = [sys.executable, "-P", "-m", "irs_gym.datasets.shard", split, str(first), str(count)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "OMP_NUM_THREADS": "1"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)),
+        "OMP_NUM_THREADS": "1",
+    }
     try:
         done = subprocess.run(command, env=environment, capture_output=True, check=True)
         return Shard.from_bytes(done.stdout, definition_of(split, first, count))
@@ -76,7 +92,9 @@ def built_elsewhere(split: str, first: int, count: int) -> Shard | None:
 
 
 def _recalled(folder: Path | None, split: str, first: int, count: int) -> Shard | None:
-    """The block from the cache, or the head of a whole one; None where it holds neither, or damaged."""
+    """The block from the cache, or the head of a whole one; None where it holds neither, or
+    damaged.
+    """
     for size in dict.fromkeys((SHARD_SCENES, count)):
         if first + size > split_of(split).size:
             continue

@@ -1,4 +1,6 @@
-"""The cache: files that can be made anew at any time, in a folder of the user's; where it fails, there is none."""
+"""The cache: files that can be made anew at any time, in a folder of the user's; where it fails,
+there is none.
+"""
 
 import os
 import sys
@@ -34,7 +36,9 @@ def read_cached(folder: Path | None, name: str) -> bytes | None:
 
 
 def write_cached(folder: Path | None, name: str, content: bytes) -> None:
-    """Write a file, whole or not at all, whoever else writes it; a folder that cannot be written is no error."""
+    """Write a file, whole or not at all, whoever else writes it; a folder that cannot be written is
+    no error.
+    """
     if folder is None:
         return
     with suppress(OSError):

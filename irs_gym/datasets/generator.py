@@ -1,4 +1,6 @@
-"""`generate_scene`: factories drawn at random, each with a task that can be solved, graded by its detour."""
+"""`generate_scene`: factories drawn at random, each with a task that can be solved, graded by its
+detour.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +16,16 @@ from irs_gym.grid import Cell, Grid, as_cell, checked_point
 from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target, largest_component
 from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
 from irs_gym.radio.radio_map import RadioMap, build_radio_map
-from irs_gym.radio.scene import AccessPoint, IrsPanel, Obstacle, Point3, Room, Scene, Wall, load_scene
+from irs_gym.radio.scene import (
+    AccessPoint,
+    IrsPanel,
+    Obstacle,
+    Point3,
+    Room,
+    Scene,
+    Wall,
+    load_scene,
+)
 from irs_gym.units import wavelength_m
 
 VERSION = 1  # of what is drawn from a seed, and of its map: whoever changes either makes other scenes of all seeds
@@ -53,13 +64,17 @@ class Difficulty:
     detour: float = 1.05
     """Oracle distance over octile distance that a scene with a detour is above."""
     detour_share: float = 0.6
-    """Probability that a scene is drawn until it has a detour; the others are as they come, some with one, too."""
+    """Probability that a scene is drawn until it has a detour; the others are as they come, some
+    with one, too.
+    """
 
     def __post_init__(self) -> None:
         low, high = checked_point(self.sides, "sides")
         if not 4.0 <= low <= high <= LONGEST:
             raise ValueError(f"sides={self.sides} must rise, from 4 m to {LONGEST} m at most")
-        least, most = as_cell(self.boxes, "boxes", "two integers, the least and the greatest number of boxes")
+        least, most = as_cell(
+            self.boxes, "boxes", "two integers, the least and the greatest number of boxes"
+        )
         if not 0 <= least <= most <= MOST_BOXES:
             raise ValueError(f"boxes={self.boxes} must rise, from 0 to {MOST_BOXES} at most")
         if (
@@ -73,7 +88,9 @@ class Difficulty:
             if isinstance(value, bool) or not isinstance(value, Real):
                 raise ValueError(f"{name}={value!r} must be a number")
         if not 1.0 <= self.detour <= 1.5:
-            raise ValueError(f"detour={self.detour} must lie from 1 to 1.5: few scenes have longer ones")
+            raise ValueError(
+                f"detour={self.detour} must lie from 1 to 1.5: few scenes have longer ones"
+            )
         if not 0.0 <= self.detour_share <= 1.0:
             raise ValueError(f"detour_share={self.detour_share} must be a probability from 0 to 1")
 
@@ -88,31 +105,37 @@ DIFFICULTIES = {
 def generate_scene(rng: np.random.Generator, difficulty: str | Difficulty = "default") -> Scene:
     """A scene drawn at random, feasible at its own target.
 
-    A room with boxes, an access point on one wall and an IRS on another, each of random size and place; start and
-    goal at least half the room apart; a target between the loosest, which excludes no cell, and the highest feasible.
+    A room with boxes, an access point on one wall and an IRS on another, each of random size and
+    place; start and goal at least half the room apart; a target between the loosest, which excludes
+    no cell, and the highest feasible.
 
     Parameters
     ----------
     rng
         Equal states draw equal scenes.
     difficulty
-        ``"easy"`` (tasks as they come: most need no detour), ``"default"`` (three of five are drawn until they need
-        one above 5 %, and some of the others need one as they come: 717 of the 1,000 test scenes do), ``"hard"`` (all
-        need one above 20 %), or a `Difficulty`.
+        ``"easy"`` (tasks as they come: most need no detour), ``"default"`` (three of five are drawn
+        until they need one above 5 %, and some of the others need one as they come: 717 of the
+        1,000 test scenes do), ``"hard"`` (all need one above 20 %), or a `Difficulty`.
 
     Raises
     ------
     ValueError
-        Where there is no such difficulty, ``rng`` is no generator, or no scene of that difficulty was found.
+        Where there is no such difficulty, ``rng`` is no generator, or no scene of that difficulty
+        was found.
     """
     return draw_solved_scene(rng, difficulty).scene
 
 
-def draw_solved_scene(rng: np.random.Generator, difficulty: str | Difficulty = "default") -> SolvedScene:
+def draw_solved_scene(
+    rng: np.random.Generator, difficulty: str | Difficulty = "default"
+) -> SolvedScene:
     """The scene of `generate_scene` with its map and distances to go."""
     if isinstance(difficulty, str):
         if difficulty not in DIFFICULTIES:
-            raise ValueError(f"difficulty={difficulty!r} must be one of {tuple(DIFFICULTIES)}, or a Difficulty")
+            raise ValueError(
+                f"difficulty={difficulty!r} must be one of {tuple(DIFFICULTIES)}, or a Difficulty"
+            )
         difficulty = DIFFICULTIES[difficulty]
     if not isinstance(rng, np.random.Generator) or not isinstance(difficulty, Difficulty):
         raise ValueError(
@@ -120,7 +143,9 @@ def draw_solved_scene(rng: np.random.Generator, difficulty: str | Difficulty = "
         )
     # decided before anything is rejected, so that the share is kept
     detour = difficulty.detour if rng.random() < difficulty.detour_share else 0.0
-    for _ in range(FACTORIES):  # degenerate factories, and those without such a task, are drawn anew
+    for _ in range(
+        FACTORIES
+    ):  # degenerate factories, and those without such a task, are drawn anew
         scene = _draw_factory(rng, difficulty)
         found = None if scene is None else _draw_task(rng, scene, detour)
         if found is not None:
@@ -129,25 +154,34 @@ def draw_solved_scene(rng: np.random.Generator, difficulty: str | Difficulty = "
 
 
 def least_distance(room: Room) -> float:
-    """Metres that start and goal are apart at least, centre to centre: half the mean of the room's sides."""
+    """Metres that start and goal are apart at least, centre to centre: half the mean of the room's
+    sides.
+    """
     return (room.x_max - room.x_min + room.y_max - room.y_min) / 4
 
 
-# --- the factory ------------------------------------------------------------------------------------------------
+# --- the factory ----------------------------------------------------------------------------------
 
 
 def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
     """A factory with some start and goal in it; None for a degenerate one."""
     half_x, half_y = _step(rng, *level.sides, 0.5) / 2, _step(rng, *level.sides, 0.5) / 2
-    room = Room(x_min=-half_x, x_max=half_x, y_min=-half_y, y_max=half_y, height=_step(rng, 4.0, 8.0, 0.5))
+    room = Room(
+        x_min=-half_x, x_max=half_x, y_min=-half_y, y_max=half_y, height=_step(rng, 4.0, 8.0, 0.5)
+    )
     obstacles = tuple(_draw_box(rng, room) for _ in range(_whole(rng, *level.boxes)))
     walls = _shuffled(rng, WALLS)
     access_point = AccessPoint(position=_on_wall(rng, room, walls[0], 1.5, room.height - 0.5))
     kinds = _ELEMENTS[level.panels[_whole(rng, 0, len(level.panels) - 1)]]
-    panels = tuple(_draw_panel(rng, room, wall, each) for wall, each in zip(walls[1:], kinds, strict=False))
+    panels = tuple(
+        _draw_panel(rng, room, wall, each) for wall, each in zip(walls[1:], kinds, strict=False)
+    )
     phase_bits = (None, 1, 2, 3)[_whole(rng, 0, 3)] if panels else None
 
-    mounted = [access_point.position, *((*each.position[:2], each.position[2] - _half_height(each)) for each in panels)]
+    mounted = [
+        access_point.position,
+        *((*each.position[:2], each.position[2] - _half_height(each)) for each in panels),
+    ]
     grid = Grid.tile(room.lower, room.upper, CELL_SIZE)
     floor_cells = _floor(grid, obstacles)
     if floor_cells.mean() < LEAST_FLOOR or any(_is_covered(point, obstacles) for point in mounted):
@@ -174,7 +208,10 @@ def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
 
 def _draw_box(rng: np.random.Generator, room: Room) -> Obstacle:
     """A box with its edges on the raster; one in four stands at a wall."""
-    sides = [_step(rng, 1.0, 6.0, RASTER), _step(rng, 0.75, 3.0, RASTER)]  # one of 0.5 m may hold no cell
+    sides = [
+        _step(rng, 1.0, 6.0, RASTER),
+        _step(rng, 0.75, 3.0, RASTER),
+    ]  # one of 0.5 m may hold no cell
     width, depth = sides if rng.random() < 0.5 else sides[::-1]
     x = _step(rng, room.x_min, room.x_max - width, RASTER)
     y = _step(rng, room.y_min, room.y_max - depth, RASTER)
@@ -182,7 +219,9 @@ def _draw_box(rng: np.random.Generator, room: Room) -> Obstacle:
         wall = WALLS[_whole(rng, 0, 3)]
         x = {"x_min": room.x_min, "x_max": room.x_max - width}.get(wall, x)
         y = {"y_min": room.y_min, "y_max": room.y_max - depth}.get(wall, y)
-    return Obstacle(center=(x + width / 2, y + depth / 2), size=(width, depth, _step(rng, 0.5, 3.0, 0.1)))
+    return Obstacle(
+        center=(x + width / 2, y + depth / 2), size=(width, depth, _step(rng, 0.5, 3.0, 0.1))
+    )
 
 
 def _draw_panel(rng: np.random.Generator, room: Room, wall: Wall, elements: Range) -> IrsPanel:
@@ -212,7 +251,9 @@ def _half_height(panel: IrsPanel) -> float:
 
 
 def _on_wall(rng: np.random.Generator, room: Room, wall: Wall, low: float, high: float) -> Point3:
-    """A point on a wall, from ``low`` to ``high`` metres above the floor, half a metre from the corners at least."""
+    """A point on a wall, from ``low`` to ``high`` metres above the floor, half a metre from the
+    corners at least.
+    """
     z, where = _step(rng, low, high, 0.1), float(getattr(room, wall))
     if wall.startswith("x"):
         return where, _step(rng, room.y_min + 0.5, room.y_max - 0.5, 0.1), z
@@ -222,18 +263,26 @@ def _on_wall(rng: np.random.Generator, room: Room, wall: Wall, low: float, high:
 def _is_covered(point: Point3, obstacles: tuple[Obstacle, ...]) -> bool:
     """Whether what is mounted at a point stands behind a box."""
     return any(
-        all(low - TOUCH <= at <= high + TOUCH for at, low, high in zip(point, box.lower, box.upper, strict=True))
+        all(
+            low - TOUCH <= at <= high + TOUCH
+            for at, low, high in zip(point, box.lower, box.upper, strict=True)
+        )
         for box in obstacles
     )
 
 
 def _floor(grid: Grid, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
     """The largest piece of floor that a robot can drive on, shape ``(X, Y)``."""
-    boxes = Boxes(*(np.array([getattr(box, end) for box in obstacles]).reshape(-1, 3) for end in ("lower", "upper")))
+    boxes = Boxes(
+        *(
+            np.array([getattr(box, end) for box in obstacles]).reshape(-1, 3)
+            for end in ("lower", "upper")
+        )
+    )
     return largest_component(~is_in_footprint(grid.centres(), boxes))
 
 
-# --- the task ---------------------------------------------------------------------------------------------------
+# --- the task -------------------------------------------------------------------------------------
 
 
 def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> SolvedScene | None:
@@ -263,8 +312,12 @@ def _solved(scene: Scene, radio_map: RadioMap, goal: Cell) -> SolvedScene:
     return SolvedScene(scene, radio_map, to_go)
 
 
-def _draw_ends(rng: np.random.Generator, cells: NDArray[np.int64], apart: float) -> tuple[Cell, Cell] | None:
-    """Two of the cells ``(n, 2)`` at least so many cells apart; None where there is none that far from the first."""
+def _draw_ends(
+    rng: np.random.Generator, cells: NDArray[np.int64], apart: float
+) -> tuple[Cell, Cell] | None:
+    """Two of the cells ``(n, 2)`` at least so many cells apart; None where there is none that far
+    from the first.
+    """
     start = cells[_whole(rng, 0, len(cells) - 1)]
     goals = cells[np.sum((cells - start) ** 2, axis=1) >= apart**2]
     if not len(goals):
@@ -279,7 +332,7 @@ def _paper() -> Scene:
     return load_scene("paper")
 
 
-# --- numbers ----------------------------------------------------------------------------------------------------
+# --- numbers --------------------------------------------------------------------------------------
 
 
 def _whole(rng: np.random.Generator, low: int, high: int) -> int:

@@ -1,4 +1,6 @@
-"""`RandomTask`: the arguments of an environment over many scenes, checked, and `Worlds`: all that they fix."""
+"""`RandomTask`: the arguments of an environment over many scenes, checked, and `Worlds`: all that
+they fix.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -20,7 +22,8 @@ from irs_gym.radio.scene import Scene, load_scenes
 
 @dataclass(frozen=True, kw_only=True)
 class RandomTask:
-    """What `IrsNavRandom-v0` is made of; each field is an argument of `gymnasium.make`. All have defaults.
+    """What `IrsNavRandom-v0` is made of; each field is an argument of `gymnasium.make`. All have
+    defaults.
 
     Raises ``ValueError`` where a value is out of its range; the message names the field.
     """
@@ -30,16 +33,21 @@ class RandomTask:
     num_scenes: int = 1000
     """How many of the split's, from the first on."""
     scenes: str | Path | Sequence[Scene | Mapping[str, Any]] | SceneSet | None = None
-    """A folder of scene files, scenes (or their data as dicts) or a pool, in place of a split; a file's name is its
-    scene's id."""
+    """A folder of scene files, scenes (or their data as dicts) or a pool, in place of a split; a
+    file's name is its scene's id."""
     observation: Observation = Task.observation
-    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map", or the "cell"."""
+    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map",
+    or the "cell".
+    """
     patch_radius: int = Task.patch_radius
     """Cells that the robot sees around itself in each direction."""
     constraint: Constraint = Task.constraint
-    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed at a cost."""
+    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed
+    at a cost.
+    """
     random_start: float = Task.random_start
-    """Probability of a start drawn among the cells from which the goal can be reached; True is 1."""
+    """Probability of a start drawn among the cells from which the goal can be reached; True is 1.
+    """
     shaping: bool = Task.shaping
     """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
     goal_bonus: float = Task.goal_bonus
@@ -54,9 +62,15 @@ class RandomTask:
             )
         if self.scenes is None:
             return
-        given = [name for name in ("split", "num_scenes") if getattr(self, name) != getattr(RandomTask, name)]
+        given = [
+            name
+            for name in ("split", "num_scenes")
+            if getattr(self, name) != getattr(RandomTask, name)
+        ]
         if given:
-            raise ValueError(f"{', '.join(given)} cannot be given along with scenes, which takes the place of a split")
+            raise ValueError(
+                f"{', '.join(given)} cannot be given along with scenes, which takes the place of a split"
+            )
         if not isinstance(self.scenes, str | Path | SceneSet):
             object.__setattr__(self, "scenes", _scenes(self.scenes))
 
@@ -71,13 +85,19 @@ class RandomTask:
 
 
 def random_task_of(arguments: dict[str, Any], owner: str = "RandomTask") -> RandomTask:
-    """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an unknown one."""
+    """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an
+    unknown one.
+    """
     return RandomTask(**checked_fields(RandomTask, arguments, owner))
 
 
 def _scenes(scenes: Any) -> tuple[Scene, ...]:
-    if not isinstance(scenes, Sequence) or not all(isinstance(each, Scene | Mapping) for each in scenes):
-        raise ValueError(f"scenes={scenes!r} must be a folder of scene files, a sequence of scenes, or a pool")
+    if not isinstance(scenes, Sequence) or not all(
+        isinstance(each, Scene | Mapping) for each in scenes
+    ):
+        raise ValueError(
+            f"scenes={scenes!r} must be a folder of scene files, a sequence of scenes, or a pool"
+        )
     return tuple(each if isinstance(each, Scene) else Scene.from_data(each) for each in scenes)
 
 
@@ -102,7 +122,9 @@ class Worlds:
             if names.count(scene_id) == 1:
                 return names.index(scene_id)
             if scene_id in names:
-                raise ValueError(f"scene_id={scene_id!r} is the name of {names.count(scene_id)} scenes: give a number")
+                raise ValueError(
+                    f"scene_id={scene_id!r} is the name of {names.count(scene_id)} scenes: give a number"
+                )
         else:
             try:
                 number = index(scene_id)
@@ -116,7 +138,9 @@ class Worlds:
         )
 
     def choose(self, scene_id: Any, rng: np.random.Generator) -> int:
-        """Number of the scene of an episode: the one that is asked for, or one drawn, all equally likely."""
+        """Number of the scene of an episode: the one that is asked for, or one drawn, all equally
+        likely.
+        """
         return int(rng.integers(len(self))) if scene_id is None else self.number_of(scene_id)
 
     def __reduce__(self) -> Any:
@@ -131,8 +155,8 @@ def build_worlds(task: RandomTask) -> Worlds:
     FileNotFoundError
         Where there is no such folder.
     ValueError
-        Where there is no such split, a scene is at fault, or the goal's bonus is too small for one of them; the
-        message names it.
+        Where there is no such split, a scene is at fault, or the goal's bonus is too small for one
+        of them; the message names it.
     """
     if isinstance(task.scenes, str | Path):
         task = replace(task, scenes=load_scenes(task.scenes))
@@ -161,7 +185,9 @@ def _world(worlds: Worlds, number: int) -> World:
     pool = worlds.pool
     scene = pool.scenes[number] if len(pool.scenes) else None
     grid = Grid(pool.shape, pool.cell_size, scene.room.lower if scene else (0.0, 0.0))
-    task = replace(worlds.task.common, target_db=float(pool.target_db[number]), cell_size=pool.cell_size)
+    task = replace(
+        worlds.task.common, target_db=float(pool.target_db[number]), cell_size=pool.cell_size
+    )
     return World(
         task=replace(task, scene=scene, phase_bits=scene.phase_bits) if scene else task,
         scene=scene,

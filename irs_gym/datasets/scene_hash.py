@@ -1,4 +1,6 @@
-"""`symmetries`: a scene's eight images under mirrors and transposition; `scene_hash`: what all of them share."""
+"""`symmetries`: a scene's eight images under mirrors and transposition; `scene_hash`: what all of
+them share.
+"""
 
 import json
 from hashlib import sha256
@@ -13,17 +15,20 @@ DECIMALS = 6  # of metres and all other numbers: scenes that differ by less coun
 def symmetries(scene: Scene) -> tuple[Scene, ...]:
     """The scene's images under the symmetries of the square, about the centre of its room.
 
-    In the order of ``itertools.product((False, True), repeat=3)`` over transposed, then mirrored in x, mirrored in y:
-    the scene itself comes first. Radio map and optimum of an image are the images of the scene's, so long as its start
-    and goal do not lie on the border of two cells, which belongs to the upper one in every image.
+    In the order of ``itertools.product((False, True), repeat=3)`` over transposed, then mirrored in
+    x, mirrored in y: the scene itself comes first. Radio map and optimum of an image are the images
+    of the scene's, so long as its start and goal do not lie on the border of two cells, which
+    belongs to the upper one in every image.
     """
     return tuple(_image(scene, *how) for how in product((False, True), repeat=3))
 
 
 def scene_hash(scene: Scene) -> str:
-    """SHA-256 of what a scene is, whatever its name, wherever its room lies and however it is turned or mirrored.
+    """SHA-256 of what a scene is, whatever its name, wherever its room lies and however it is
+    turned or mirrored.
 
-    Equal for all of `symmetries`, for any order of boxes, access points and panels, and for nothing else.
+    Equal for all of `symmetries`, for any order of boxes, access points and panels, and for nothing
+    else.
     """
     texts = (json.dumps(_canonical(image), sort_keys=True) for image in symmetries(scene))
     return sha256(min(texts).encode()).hexdigest()
@@ -40,7 +45,11 @@ def _image(scene: Scene, is_transposed: bool, is_mirrored_x: bool, is_mirrored_y
         """The image of a point; a height stays."""
         x, y = point[0] - centre_x, point[1] - centre_y
         x, y = (y, x) if is_transposed else (x, y)
-        return centre_x + (-x if is_mirrored_x else x), centre_y + (-y if is_mirrored_y else y), *point[2:]
+        return (
+            centre_x + (-x if is_mirrored_x else x),
+            centre_y + (-y if is_mirrored_y else y),
+            *point[2:],
+        )
 
     def turned(size: Any) -> Any:
         return (size[1], size[0], size[2]) if is_transposed else size
@@ -61,10 +70,13 @@ def _image(scene: Scene, is_transposed: bool, is_mirrored_x: bool, is_mirrored_y
                 for box in scene.obstacles
             ),
             "access_points": tuple(
-                each.model_copy(update={"position": moved(each.position)}) for each in scene.access_points
+                each.model_copy(update={"position": moved(each.position)})
+                for each in scene.access_points
             ),
             "irs_panels": tuple(
-                each.model_copy(update={"position": moved(each.position), "wall": renamed(each.wall)})
+                each.model_copy(
+                    update={"position": moved(each.position), "wall": renamed(each.wall)}
+                )
                 for each in scene.irs_panels
             ),
             "start": moved(scene.start),
@@ -74,11 +86,21 @@ def _image(scene: Scene, is_transposed: bool, is_mirrored_x: bool, is_mirrored_y
 
 
 def _canonical(scene: Scene) -> Any:
-    """The scene as plain lists and rounded numbers, its room's centre at the origin, its parts in a fixed order."""
+    """The scene as plain lists and rounded numbers, its room's centre at the origin, its parts in a
+    fixed order.
+    """
     centre = _centre(scene.room)
     data = scene.model_dump(exclude={"name", "format_version"})
-    data["room"] = (scene.room.x_max - scene.room.x_min, scene.room.y_max - scene.room.y_min, scene.room.height)
-    for place, parts in (("center", "obstacles"), ("position", "access_points"), ("position", "irs_panels")):
+    data["room"] = (
+        scene.room.x_max - scene.room.x_min,
+        scene.room.y_max - scene.room.y_min,
+        scene.room.height,
+    )
+    for place, parts in (
+        ("center", "obstacles"),
+        ("position", "access_points"),
+        ("position", "irs_panels"),
+    ):
         data[parts] = [{**part, place: _from(centre, part[place])} for part in data[parts]]
     data["start"], data["goal"] = _from(centre, scene.start), _from(centre, scene.goal)
     data = _rounded(data)

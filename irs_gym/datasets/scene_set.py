@@ -1,4 +1,6 @@
-"""`SceneSet`: many scenes with their radio maps and distances to go, stacked in arrays of one shape."""
+"""`SceneSet`: many scenes with their radio maps and distances to go, stacked in arrays of one
+shape.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -19,12 +21,15 @@ from irs_gym.grid import as_cell
 from irs_gym.memory import check_memory, freeze, frozen
 from irs_gym.radio.scene import Scene
 
-_CELL_BYTES = 50  # for each cell of each scene, at the most: maps, rules, and blocks before they are joined
+_CELL_BYTES = (
+    50  # for each cell of each scene, at the most: maps, rules, and blocks before they are joined
+)
 
 
 @dataclass(frozen=True, eq=False)
 class SceneSet:
-    """S scenes with their maps; maps smaller than the frame (X, Y) are padded with blocked cells at their upper ends.
+    """S scenes with their maps; maps smaller than the frame (X, Y) are padded with blocked cells at
+    their upper ends.
 
     Attributes
     ----------
@@ -35,10 +40,11 @@ class SceneSet:
     target_db
         float64, shape ``(S,)``: the scenes' targets.
     gain_db
-        float64, shape ``(S, X, Y)``: expected channel gains; -inf in obstacles and outside of the room.
+        float64, shape ``(S, X, Y)``: expected channel gains; -inf in obstacles and outside of the
+        room.
     distance_to_go
-        float64, shape ``(S, X, Y)``: metres to the scene's own goal over feasible cells; +inf where it cannot be
-        reached.
+        float64, shape ``(S, X, Y)``: metres to the scene's own goal over feasible cells; +inf where
+        it cannot be reached.
     irs
         float32, shape ``(S, 3)``: see `irs_gym.mdp.task.irs_settings`.
     start, goal
@@ -107,15 +113,19 @@ def scene_set_of(
     Raises
     ------
     ValueError
-        Where there is no scene, a scene is larger than the frame, or one is infeasible; the message names the scene
-        and, where there is one, its highest feasible target.
+        Where there is no scene, a scene is larger than the frame, or one is infeasible; the message
+        names the scene and, where there is one, its highest feasible target.
     """
     if not scenes:
         raise ValueError("scenes is empty: a pool needs one or more")
     names = tuple(scene.name for scene in scenes) if names is None else tuple(names)
     if len(names) != len(scenes):
-        raise ValueError(f"names has {len(names)} entries for {len(scenes)} scenes: one for each is needed")
-    shapes = np.array([_shape(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)])
+        raise ValueError(
+            f"names has {len(names)} entries for {len(scenes)} scenes: one for each is needed"
+        )
+    shapes = np.array(
+        [_shape(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)]
+    )
     largest = (int(shapes[:, 0].max()), int(shapes[:, 1].max()))
     frame = largest if frame is None else as_cell(frame, "frame", "two numbers of cells (X, Y)")
     _check_memory(len(scenes), frame, f"cell_size={cell_size}, frame={frame}")
@@ -137,8 +147,8 @@ def build_scene_set(
 ) -> SceneSet:
     """Pool of the first scenes of a split, so that a smaller pool is the head of a larger.
 
-    Scenes are built by the hundred, in several processes where there are more, and kept in a cache, from which they
-    are read the next time; a damaged file there is built anew.
+    Scenes are built by the hundred, in several processes where there are more, and kept in a cache,
+    from which they are read the next time; a damaged file there is built anew.
 
     Parameters
     ----------
@@ -149,8 +159,8 @@ def build_scene_set(
     jobs
         Processes; by default as many as there are processors. 1: this one alone.
     progress
-        Whether to show a progress bar on the standard error where it takes longer than a second; by default, where
-        that is a terminal.
+        Whether to show a progress bar on the standard error where it takes longer than a second; by
+        default, where that is a terminal.
     cache
         Folder of the cache; by default ``IRS_GYM_CACHE``, else the user's folder for such files.
 
@@ -164,7 +174,9 @@ def build_scene_set(
     size = split_of(split).size
     count = min(1000, size) if num_scenes is None else num_scenes
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= size:
-        raise ValueError(f"num_scenes={num_scenes!r} must be a number from 1 to {size}, the scenes of {split!r}")
+        raise ValueError(
+            f"num_scenes={num_scenes!r} must be a number from 1 to {size}, the scenes of {split!r}"
+        )
     _check_memory(int(count), split_of(split).frame, f"num_scenes={count}")
     folder = cache_folder() if cache is None else Path(cache)
     block = build_shards(split, int(count), jobs=jobs, progress=progress, folder=folder)
@@ -188,8 +200,12 @@ class _Texts(Sequence[Scene]):
         return Scene.model_validate_json(self._texts[which], strict=True)
 
 
-def _scene_set(scenes: Sequence[Scene], names: tuple[str, ...], block: Shard, cell_size: float) -> SceneSet:
-    arrays = {each.name: getattr(block, each.name) for each in fields(block) if each.name != "texts"}
+def _scene_set(
+    scenes: Sequence[Scene], names: tuple[str, ...], block: Shard, cell_size: float
+) -> SceneSet:
+    arrays = {
+        each.name: getattr(block, each.name) for each in fields(block) if each.name != "texts"
+    }
     return SceneSet(scenes=scenes, names=names, cell_size=cell_size, **arrays)
 
 

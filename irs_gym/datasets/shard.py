@@ -44,8 +44,12 @@ class Shard:
             texts=np.array([scene.model_dump_json().encode() for scene in scenes]),
             target_db=np.array([scene.target_db for scene in scenes]),
             gain_db=np.stack([_padded(each.radio_map.gain_db, frame, -np.inf) for each in solved]),
-            distance_to_go=np.stack([_padded(each.distance_to_go, frame, np.inf) for each in solved]),
-            irs=np.array([irs_settings(scene, scene.phase_bits) for scene in scenes], dtype=np.float32),
+            distance_to_go=np.stack(
+                [_padded(each.distance_to_go, frame, np.inf) for each in solved]
+            ),
+            irs=np.array(
+                [irs_settings(scene, scene.phase_bits) for scene in scenes], dtype=np.float32
+            ),
             start=np.array([each.start for each in solved], dtype=np.int64),
             goal=np.array([each.goal for each in solved], dtype=np.int64),
         )
@@ -53,7 +57,12 @@ class Shard:
     @classmethod
     def joined(cls, blocks: Sequence["Shard"], count: int) -> "Shard":
         """The first ``count`` scenes of blocks in a row."""
-        return cls(**{name: np.concatenate([vars(each)[name] for each in blocks])[:count] for name in _names()})
+        return cls(
+            **{
+                name: np.concatenate([vars(each)[name] for each in blocks])[:count]
+                for name in _names()
+            }
+        )
 
     def to_bytes(self, definition: str) -> bytes:
         """An ``.npz`` archive that names what it should hold, and the SHA-256 of what it does."""
@@ -64,7 +73,9 @@ class Shard:
 
     @classmethod
     def from_bytes(cls, content: bytes, definition: str) -> "Shard":
-        """Block of an archive; never unpickles. Raises ``ValueError`` for one that is damaged or another's."""
+        """Block of an archive; never unpickles. Raises ``ValueError`` for one that is damaged or
+        another's.
+        """
         try:
             arrays = read_arrays(content, needed=["said", *_names()])
             block = cls(**{name: arrays[name] for name in _names()})
@@ -79,7 +90,12 @@ class Shard:
         """Refuse arrays of other shapes or types than a block has, and cells off its maps."""
         count, frame = definition["count"], definition["frame"]
         shapes = {"gain_db": (count, *frame), "distance_to_go": (count, *frame), "irs": (count, 3)}
-        shapes |= {"texts": (count,), "target_db": (count,), "start": (count, 2), "goal": (count, 2)}
+        shapes |= {
+            "texts": (count,),
+            "target_db": (count,),
+            "start": (count, 2),
+            "goal": (count, 2),
+        }
         kinds = {"texts": "S", "irs": "f4", "start": "i8", "goal": "i8"}
         for name, shape in shapes.items():
             array: NDArray[Any] = getattr(self, name)
@@ -98,7 +114,9 @@ class Shard:
         return summed.hexdigest().encode()
 
 
-def build_shard(split: str, first: int, count: int, told: Callable[[], Any] = lambda: None) -> Shard:
+def build_shard(
+    split: str, first: int, count: int, told: Callable[[], Any] = lambda: None
+) -> Shard:
     """The scenes ``first`` to before ``first + count`` of a split; ``told`` is called after each."""
     solved = []
     for index in range(first, first + count):
@@ -130,7 +148,9 @@ def _names() -> list[str]:
     return [each.name for each in fields(Shard)]
 
 
-def _padded(array: NDArray[np.float64], frame: tuple[int, int], value: float) -> NDArray[np.float64]:
+def _padded(
+    array: NDArray[np.float64], frame: tuple[int, int], value: float
+) -> NDArray[np.float64]:
     over = [(0, whole - part) for whole, part in zip(frame, array.shape, strict=True)]
     return np.pad(array, over, constant_values=value)
 

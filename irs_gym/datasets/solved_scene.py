@@ -20,7 +20,9 @@ class SolvedScene:
 
     scene: Scene
     radio_map: RadioMap
-    distance_to_go: NDArray[np.float64]  # (X, Y), metres over feasible cells; +inf where the goal cannot be reached
+    distance_to_go: NDArray[
+        np.float64
+    ]  # (X, Y), metres over feasible cells; +inf where the goal cannot be reached
 
     def __post_init__(self) -> None:
         freeze(self.distance_to_go)
@@ -43,7 +45,9 @@ class SolvedScene:
     @property
     def detour(self) -> float:
         """The oracle's distance over the octile distance: 1 where nothing is in the way."""
-        straight = octile_distance(np.subtract(self.goal, self.start)) * self.radio_map.grid.cell_size
+        straight = (
+            octile_distance(np.subtract(self.goal, self.start)) * self.radio_map.grid.cell_size
+        )
         return self.oracle_distance / float(straight)
 
 
@@ -53,13 +57,15 @@ def solve(scene: Scene, cell_size: float = 0.5) -> SolvedScene:
     Raises
     ------
     ValueError
-        Where the cells do not fit the room, the ends lie in one cell, or the target is infeasible; the message then
-        gives the highest that is feasible.
+        Where the cells do not fit the room, the ends lie in one cell, or the target is infeasible;
+        the message then gives the highest that is feasible.
     """
     radio_map = build_radio_map(scene, cell_size)
     start, goal = radio_map.grid.cell_of(scene.start), radio_map.grid.cell_of(scene.goal)
     if start == goal:
-        raise ValueError(f"start={scene.start} lies in the same cell as the goal {scene.goal}: {start}")
+        raise ValueError(
+            f"start={scene.start} lies in the same cell as the goal {scene.goal}: {start}"
+        )
     to_go = distance_to_go(radio_map.feasible(scene.target_db), goal, cell_size)
     if not np.isfinite(to_go[start]):
         raise ValueError(infeasible(radio_map.gain_db, start, goal, scene.target_db))

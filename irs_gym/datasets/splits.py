@@ -1,4 +1,6 @@
-"""`SPLITS`: the sets of generated scenes that agents are trained and tested on, and each scene by its number."""
+"""`SPLITS`: the sets of generated scenes that agents are trained and tested on, and each scene by
+its number.
+"""
 
 import json
 from dataclasses import dataclass
@@ -31,7 +33,9 @@ class Split:
 
     @property
     def is_frozen(self) -> bool:
-        """Whether it never changes within a version of the environment, as sets do that scores are told of."""
+        """Whether it never changes within a version of the environment, as sets do that scores are
+        told of.
+        """
         return self.number > 0
 
 
@@ -42,9 +46,16 @@ SPLITS = {
     # more boxes than in any training scene
     "ood-clutter": Split(number=3, size=1000, difficulty=Difficulty(boxes=(13, 24))),
     # no panel, two, or one with fewer or more elements than any training scene's
-    "ood-irs": Split(number=4, size=1000, difficulty=Difficulty(panels=("none", "two", "small", "large"))),
+    "ood-irs": Split(
+        number=4, size=1000, difficulty=Difficulty(panels=("none", "two", "small", "large"))
+    ),
     # twice the sides, and as many boxes for the area
-    "ood-size": Split(number=5, size=1000, difficulty=Difficulty(sides=(28.0, 40.0), boxes=(12, 48)), frame=(80, 80)),
+    "ood-size": Split(
+        number=5,
+        size=1000,
+        difficulty=Difficulty(sides=(28.0, 40.0), boxes=(12, 48)),
+        frame=(80, 80),
+    ),
 }
 
 
@@ -64,8 +75,12 @@ def solved_scene_of(split: str, index: int) -> SolvedScene:
     """The scene of `scene_of` with its map and distances to go."""
     chosen = split_of(split)
     if not 0 <= index < chosen.size:
-        raise ValueError(f"index={index} must be a number from 0 to {chosen.size - 1}: {split!r} has no more scenes")
-    solved = draw_solved_scene(np.random.default_rng((VERSION, chosen.number, index)), chosen.difficulty)
+        raise ValueError(
+            f"index={index} must be a number from 0 to {chosen.size - 1}: {split!r} has no more scenes"
+        )
+    solved = draw_solved_scene(
+        np.random.default_rng((VERSION, chosen.number, index)), chosen.difficulty
+    )
     scene = solved.scene.model_copy(update={"name": f"{split}-{index}"})
     return SolvedScene(scene, solved.radio_map, solved.distance_to_go)
 
@@ -103,8 +118,12 @@ def digest(text: bytes) -> str:
 
 @lru_cache(maxsize=1)
 def frozen() -> dict[str, Frozen]:
-    """What is kept of each frozen split; ``python -m irs_gym.datasets.verify_splits`` holds it against the scenes."""
-    record: dict[str, Any] = json.loads(resources.files("irs_gym.datasets").joinpath("splits.json").read_bytes())
+    """What is kept of each frozen split; ``python -m irs_gym.datasets.verify_splits`` holds it
+    against the scenes.
+    """
+    record: dict[str, Any] = json.loads(
+        resources.files("irs_gym.datasets").joinpath("splits.json").read_bytes()
+    )
     kept = {}
     for name, entry in record["splits"].items():
         digits = "".join(entry["scenes"])

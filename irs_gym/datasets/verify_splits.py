@@ -1,8 +1,9 @@
-"""The proof that the frozen splits are what they were, and that no scene is in two splits, kept in ``splits.json``.
+"""The proof that the frozen splits are what they were, and that no scene is in two splits, kept in
+``splits.json``.
 
 ``python -m irs_gym.datasets.verify_splits`` draws all frozen scenes, and as many of the training
-set as it is told, holds the former
-against what is kept of them, and looks for scenes that are in two places, turned or mirrored ones included.
+set as it is told, holds the former against what is kept of them, and looks for scenes that are in
+two places, turned or mirrored ones included.
 """
 
 # ruff: noqa: E402  # a Ctrl-C during the imports is to end in one line as well
@@ -50,7 +51,9 @@ def entry_of(texts: Iterable[bytes]) -> dict[str, Any]:
 
 
 def shared(scenes: Mapping[str, Iterable[Scene]]) -> list[tuple[str, str]]:
-    """Pairs of equal scenes, whether turned or mirrored, within a set or in two; named ``SET: SCENE``."""
+    """Pairs of equal scenes, whether turned or mirrored, within a set or in two; named ``SET:
+    SCENE``.
+    """
     places: dict[str, str] = {}
     pairs = []
     for name, members in scenes.items():
@@ -65,16 +68,28 @@ def shared(scenes: Mapping[str, Iterable[Scene]]) -> list[tuple[str, str]]:
 def main() -> int:
     """Draw, compare and tell; the exit status is 1 where a scene has changed or is in two places."""
     parser = argparse.ArgumentParser(prog="python -m irs_gym.proof", description=main.__doc__)
-    parser.add_argument("--train", type=int, default=10_000, help="training scenes to look among (10000)")
-    parser.add_argument("--jobs", type=int, default=None, help="processes (as many as there are processors)")
-    parser.add_argument("--write", action="store_true", help="keep what was found: for a new version of the splits")
+    parser.add_argument(
+        "--train", type=int, default=10_000, help="training scenes to look among (10000)"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=None, help="processes (as many as there are processors)"
+    )
+    parser.add_argument(
+        "--write", action="store_true", help="keep what was found: for a new version of the splits"
+    )
     given = parser.parse_args()
 
     texts = {
-        name: _texts(name, split.size if split.is_frozen else given.train, given.jobs) for name, split in SPLITS.items()
+        name: _texts(name, split.size if split.is_frozen else given.train, given.jobs)
+        for name, split in SPLITS.items()
     }
     entries = {name: entry_of(texts[name]) for name, split in SPLITS.items() if split.is_frozen}
-    pairs = shared({"package": map(load_scene, scene_names()), **{name: _read(each) for name, each in texts.items()}})
+    pairs = shared(
+        {
+            "package": map(load_scene, scene_names()),
+            **{name: _read(each) for name, each in texts.items()},
+        }
+    )
     counts = {"package": len(scene_names()), **{name: len(each) for name, each in texts.items()}}
     found = {
         "format_version": 1,
@@ -84,7 +99,9 @@ def main() -> int:
     }
     for name, entry in entries.items():
         print(f"{name}: {counts[name]:,} scenes, SHA-256 {entry['sha256']}")
-    print(f"{sum(counts.values()):,} scenes, of which {counts['train']:,} for training: {len(pairs)} are in two places")
+    print(
+        f"{sum(counts.values()):,} scenes, of which {counts['train']:,} for training: {len(pairs)} are in two places"
+    )
     for one, other in pairs:
         print(f"  {one} is {other}")
     if given.write:
@@ -98,7 +115,9 @@ def main() -> int:
 
 
 def _texts(split: str, count: int, jobs: int | None) -> list[bytes]:
-    texts: list[bytes] = build_shards(split, count, jobs=jobs, progress=True, folder=cache_folder()).texts.tolist()
+    texts: list[bytes] = build_shards(
+        split, count, jobs=jobs, progress=True, folder=cache_folder()
+    ).texts.tolist()
     return texts
 
 
@@ -107,7 +126,9 @@ def _read(texts: Iterable[bytes]) -> Iterable[Scene]:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # now there may be something to clean up
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # now there may be something to clean up
     try:
         sys.exit(main())
     except KeyboardInterrupt:

@@ -25,7 +25,8 @@ class Episode:
     """What has become of a robot since its reset, over the tables of its world."""
 
     def __init__(self, world: World, start: Cell, goal: Cell, keys: Sequence[str] = KEYS) -> None:
-        """Begin at the start; a ``ValueError`` says why there can be no such episode (see `tables_for`).
+        """Begin at the start; a ``ValueError`` says why there can be no such episode (see
+        `tables_for`).
 
         ``keys``: those of the infos.
         """
@@ -62,9 +63,15 @@ class Episode:
 
     def optimal_actions(self, cell: Any = None) -> NDArray[np.int64]:
         """See `irs_gym.envs.nav.IrsNavEnv.optimal_actions`."""
-        i, j = divmod(self._cell, self.world.feasible.shape[1]) if cell is None else as_cell(cell, "cell")
+        i, j = (
+            divmod(self._cell, self.world.feasible.shape[1])
+            if cell is None
+            else as_cell(cell, "cell")
+        )
         flat_cell(self.world.feasible, (i, j), "cell")
-        is_optimal = optimal_moves(self.tables.distance_to_go[None], self.world.radio_map.grid.cell_size)
+        is_optimal = optimal_moves(
+            self.tables.distance_to_go[None], self.world.radio_map.grid.cell_size
+        )
         return np.flatnonzero(is_optimal[0, :, i, j])
 
     def transition_table(self) -> Transition:
@@ -96,7 +103,9 @@ class Episode:
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move once; returns what an environment's step does."""
         if not self.is_running:
-            raise ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
+            raise ResetNeeded(
+                "the episode has ended, or none has begun: call reset() before step()"
+            )
         entry = self._cell * ACTIONS + checked_action(action)
         outcome: Any = self.tables.transition.item(entry)
         next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = outcome
@@ -110,10 +119,18 @@ class Episode:
         return self.observer.observe(next_cell), reward, is_terminated, False, info
 
     def render(self, mode: str | None) -> Any:
-        """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path; None without a mode."""
-        return None if mode is None else RENDERERS[mode](view_of(self.world, self.start, self.goal), self.path)
+        """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path;
+        None without a mode.
+        """
+        return (
+            None
+            if mode is None
+            else RENDERERS[mode](view_of(self.world, self.start, self.goal), self.path)
+        )
 
-    def _info(self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False) -> dict[str, Any]:
+    def _info(
+        self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False
+    ) -> dict[str, Any]:
         distance_to_go, gain_db, margin_db = self.tables.cell.item(self._cell)
         info = {
             "distance": self._distance,
@@ -131,24 +148,34 @@ class Episode:
         return {key: info[key] for key in self._keys}
 
 
-def begin(world: World, ends: dict[str, Cell], rng: np.random.Generator, keys: Sequence[str]) -> Episode:
-    """Episode between the ends given as ``start`` and ``goal``; the world's own goal, and a start as its task says."""
+def begin(
+    world: World, ends: dict[str, Cell], rng: np.random.Generator, keys: Sequence[str]
+) -> Episode:
+    """Episode between the ends given as ``start`` and ``goal``; the world's own goal, and a start
+    as its task says.
+    """
     goal = ends.get("goal", world.goal)
     return Episode(world, ends.get("start") or choose_start(world, goal, rng), goal, keys)
 
 
-def resume(world: World, snapshot: Snapshot, keys: Sequence[str], path: Sequence[Cell] = ()) -> Episode:
+def resume(
+    world: World, snapshot: Snapshot, keys: Sequence[str], path: Sequence[Cell] = ()
+) -> Episode:
     """The episode of a snapshot, with its path so far where that is known.
 
     Raises ``ValueError`` for a snapshot of another map or other rules.
     """
     if snapshot.rules != world.fingerprint:
-        raise ValueError("state is of another task: its map or its rules differ from those of this environment")
+        raise ValueError(
+            "state is of another task: its map or its rules differ from those of this environment"
+        )
     shape = world.feasible.shape
     if not (snapshot.cell < world.feasible.size and world.radio_map.free.flat[snapshot.cell]):
         raise ValueError("state tells a cell that a robot cannot be in")
 
-    episode = Episode(world, divmod(snapshot.start, shape[1]), divmod(snapshot.goal, shape[1]), keys)
+    episode = Episode(
+        world, divmod(snapshot.start, shape[1]), divmod(snapshot.goal, shape[1]), keys
+    )
     episode._cell = snapshot.cell
     episode._cells = [i * shape[1] + j for i, j in path] or [snapshot.cell]
     episode._distance = snapshot.distance

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds, random_task_of
 from irs_gym.envs.episode import Episode, begin, resume
 from irs_gym.grid import Cell
-from irs_gym.mdp.checks import METADATA, PlainSpec, checked_options, checked_render_mode, checked_seed
+from irs_gym.mdp.checks import (
+    METADATA,
+    PlainSpec,
+    checked_options,
+    checked_render_mode,
+    checked_seed,
+)
 from irs_gym.mdp.dynamics import ACTIONS, Transition
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
@@ -23,50 +29,55 @@ from irs_gym.vector.infos import Infos, checked_keys
 
 
 class IrsNavRandomEnv(gymnasium.Env[Any, int]):
-    """A robot crosses factories that it has never seen while it stays connected to its access point.
+    """A robot crosses factories that it has never seen while it stays connected to its access
+    point.
 
     ## Description
-    The task of `IrsNavEnv`, with another scene at each reset, drawn evenly among those of a split: other obstacles,
-    access point and intelligent reflecting surface (IRS), another target, start and goal. Every scene has a feasible
-    path, and its exact optimum is known (`oracle`).
+    The task of `IrsNavEnv`, with another scene at each reset, drawn evenly among those of a split:
+    other obstacles, access point and intelligent reflecting surface (IRS), another target, start
+    and goal. Every scene has a feasible path, and its exact optimum is known (`oracle`).
 
     ## Action Space
-    ``Discrete(8)``: moves to a neighbouring cell, counter-clockwise from +x: E, NE, N, NW, W, SW, S, SE. Diagonal
-    moves may cut corners.
+    ``Discrete(8)``: moves to a neighbouring cell, counter-clockwise from +x: E, NE, N, NW, W, SW,
+    S, SE. Diagonal moves may cut corners.
 
     ## Observation Space
-    That of `IrsNavEnv` without phase shifts: float32 in [-1, 1]. All maps are padded with blocked cells to one frame,
-    (X, Y) cells, and positions are scaled to it. ``observation="dict"``:
+    That of `IrsNavEnv` without phase shifts: float32 in [-1, 1]. All maps are padded with blocked
+    cells to one frame, (X, Y) cells, and positions are scaled to it. ``observation="dict"``:
 
     - ``position`` (4,): own x and y, and the vector to the goal, over the frame's size;
-    - ``gain_patch`` (2r+1, 2r+1): margin over the scene's target around the robot in units of 5 dB, clipped; first
-      axis along x, second along y; -1 in obstacles and outside;
+    - ``gain_patch`` (2r+1, 2r+1): margin over the scene's target around the robot in units of 5 dB,
+      clipped; first axis along x, second along y; -1 in obstacles and outside;
     - ``irs`` (3,): presence, resolution and number of elements of the scene's IRS.
 
-    ``observation="flat"`` is the same packed as one Box, in the order of `gymnasium.spaces.flatten`.
-    ``observation="masked"`` is a Dict of that Box as ``observation`` and of ``action_mask`` (8,), int8, 1 where an
-    action is not refused. ``observation="map"`` is an image (4, X, Y), channels first: margin, obstacle, robot, goal.
-    ``observation="cell"`` is ``Discrete(X * Y)``: the robot's cell (i, j) in the frame as i * Y + j, for tables.
+    ``observation="flat"`` is the same packed as one Box, in the order of
+    `gymnasium.spaces.flatten`. ``observation="masked"`` is a Dict of that Box as ``observation``
+    and of ``action_mask`` (8,), int8, 1 where an action is not refused. ``observation="map"`` is an
+    image (4, X, Y), channels first: margin, obstacle, robot, goal. ``observation="cell"`` is
+    ``Discrete(X * Y)``: the robot's cell (i, j) in the frame as i * Y + j, for tables.
 
     ## Rewards
-    As in `IrsNavEnv`: minus the metres of the move, plus the decrease of the octile distance to the goal, plus
-    ``goal_bonus`` at the goal. Under ``"terminate"`` the bonus must be above the detour of every scene.
+    As in `IrsNavEnv`: minus the metres of the move, plus the decrease of the octile distance to the
+    goal, plus ``goal_bonus`` at the goal. Under ``"terminate"`` the bonus must be above the detour
+    of every scene.
 
     ## Starting State
-    The start of the scene drawn, or with probability ``random_start`` a cell drawn among those from which its goal can
-    be reached. ``reset(options={"scene_id": name_or_number})`` chooses the scene, ``"start"`` and ``"goal"``, cells
-    (i, j), either end, for one episode. ``info["scene_id"]`` is the scene's name.
+    The start of the scene drawn, or with probability ``random_start`` a cell drawn among those from
+    which its goal can be reached. ``reset(options={"scene_id": name_or_number})`` chooses the
+    scene, ``"start"`` and ``"goal"``, cells (i, j), either end, for one episode.
+    ``info["scene_id"]`` is the scene's name.
 
     ## Episode End
-    Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell below the target.
-    Truncated after 400 steps in every split, which is several times an optimal path on the largest maps;
-    ``gymnasium.make(..., max_episode_steps=n)`` changes that. `python -m eval` scores its policies over
-    max(400, 5 (X + Y)) steps: 400 on the usual maps of 40 x 40 cells, 800 in ``"ood-size"``. Refused moves are as in
-    `IrsNavEnv`.
+    Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell
+    below the target. Truncated after 400 steps in every split, which is several times an optimal
+    path on the largest maps; ``gymnasium.make(..., max_episode_steps=n)`` changes that. `python -m
+    eval` scores its policies over max(400, 5 (X + Y)) steps: 400 on the usual maps of 40 x 40
+    cells, 800 in ``"ood-size"``. Refused moves are as in `IrsNavEnv`.
 
     ## Arguments
-    The fields of `irs_gym.datasets.random_task.RandomTask`, ``infos`` (as in `IrsNavEnv`), and ``render_mode``:
-    ``"rgb_array"`` or ``"ansi"``; `gymnasium.make` knows ``"human"``, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
+    The fields of `irs_gym.datasets.random_task.RandomTask`, ``infos`` (as in `IrsNavEnv`), and
+    ``render_mode``: ``"rgb_array"`` or ``"ansi"``; `gymnasium.make` knows ``"human"``,
+    ``"rgb_array_list"`` and ``"ansi_list"`` as well.
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNavRandom-v0", num_envs=n, ...)``.
@@ -78,7 +89,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     metadata: dict[str, Any] = METADATA
     spec = PlainSpec()
 
-    def __init__(self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any) -> None:
+    def __init__(
+        self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any
+    ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self._keys = checked_keys(infos, ["scene_id"])
         self._episode_keys = [key for key in self._keys if key != "scene_id"]
@@ -107,7 +120,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
 
     @property
     def oracle(self) -> Path:
-        """The shortest feasible path of this episode: ``distance`` in metres, ``cells`` of shape ``(D, 2)``."""
+        """The shortest feasible path of this episode: ``distance`` in metres, ``cells`` of shape
+        ``(D, 2)``.
+        """
         return self._episode.oracle
 
     @property
@@ -117,7 +132,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
 
     @property
     def distance_to_go(self) -> float:
-        """Metres of the shortest feasible path from the robot's cell to the goal; inf where there is none."""
+        """Metres of the shortest feasible path from the robot's cell to the goal; inf where there
+        is none.
+        """
         return self._episode.distance_to_go
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -125,15 +142,21 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         return self._episode.action_masks()
 
     def optimal_actions(self, cell: Cell | None = None) -> NDArray[np.int64]:
-        """All actions that begin a shortest feasible path, int64 ``(n,)``; see `IrsNavEnv.optimal_actions`."""
+        """All actions that begin a shortest feasible path, int64 ``(n,)``; see
+        `IrsNavEnv.optimal_actions`.
+        """
         return self._episode.optimal_actions(cell)
 
     def transition_table(self) -> Transition:
-        """What each action does in each cell of this episode's scene; see `IrsNavEnv.transition_table`."""
+        """What each action does in each cell of this episode's scene; see
+        `IrsNavEnv.transition_table`.
+        """
         return self._episode.transition_table()
 
     def optimal_q(self, gamma: float) -> NDArray[np.float64]:
-        """The optimal action values in this episode's scene, ``(X * Y, 8)``; see `IrsNavEnv.optimal_q`."""
+        """The optimal action values in this episode's scene, ``(X * Y, 8)``; see
+        `IrsNavEnv.optimal_q`.
+        """
         return self._episode.optimal_q(gamma)
 
     def get_state(self) -> bytes:
@@ -147,13 +170,19 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     def take_over(self, snapshot: Snapshot, path: Sequence[Cell] = ()) -> None:
         """Go on with an episode that another environment began, with its path where that is known."""
         if snapshot.scene >= len(self.worlds):
-            raise ValueError(f"state is of scene {snapshot.scene}, and there are {len(self.worlds)} here")
+            raise ValueError(
+                f"state is of scene {snapshot.scene}, and there are {len(self.worlds)} here"
+            )
         world = self.worlds.world(snapshot.scene)
         self._episode = resume(world, snapshot, self._episode_keys, path)
         self._number = snapshot.scene
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode in another scene; ``options`` may hold ``scene_id``, ``start`` and ``goal``."""
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode in another scene; ``options`` may hold ``scene_id``, ``start`` and
+        ``goal``.
+        """
         super().reset(seed=checked_seed(seed))
         given = checked_options(options, "scene_id")
         number = self.worlds.choose(given.pop("scene_id", None), self.np_random)
@@ -180,4 +209,6 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
 
 def make_env(render_mode: str | None = None, **arguments: Any) -> gymnasium.Env[Any, int]:
     """What `gymnasium.make` calls: an `IrsNavRandomEnv` in any render mode of Gymnasium."""
-    return with_render_mode(partial(IrsNavRandomEnv, **arguments), render_mode, HumanRendering, RenderCollection)
+    return with_render_mode(
+        partial(IrsNavRandomEnv, **arguments), render_mode, HumanRendering, RenderCollection
+    )

@@ -1,4 +1,6 @@
-"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a thin shell over their episodes."""
+"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a thin shell over their
+episodes.
+"""
 
 from collections.abc import Sequence
 from functools import partial
@@ -23,7 +25,14 @@ from irs_gym.mdp.checks import (
     checked_render_mode,
     each_seed,
 )
-from irs_gym.mdp.dynamics import ACTIONS, choose_start, draw_start, draws_start, start_cells, tables_for
+from irs_gym.mdp.dynamics import (
+    ACTIONS,
+    choose_start,
+    draw_start,
+    draws_start,
+    start_cells,
+    tables_for,
+)
 from irs_gym.mdp.task import World
 from irs_gym.rendering.frame_collection import FrameCollection
 from irs_gym.rendering.modes import with_render_mode
@@ -47,8 +56,9 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
     Notes
     -----
-    Each robot has a scene of its own, named in ``infos["scene_id"]``. The option ``scene_id`` of `reset` is one name or
-    number for all, or a list of one for each environment; everything else is as in `IrsNavVectorEnv`.
+    Each robot has a scene of its own, named in ``infos["scene_id"]``. The option ``scene_id`` of
+    `reset` is one name or number for all, or a list of one for each environment; everything else is
+    as in `IrsNavVectorEnv`.
     """
 
     spec = PlainSpec()
@@ -76,7 +86,9 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         )
 
         self._singles = SingleEnvs(
-            self, partial(IrsNavRandomEnv, render_mode=render_mode, infos=infos, **arguments), self._episodes.snapshot
+            self,
+            partial(IrsNavRandomEnv, render_mode=render_mode, infos=infos, **arguments),
+            self._episodes.snapshot,
         )
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
@@ -94,7 +106,10 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         return self._episodes.scene_and_goal(i)[0]
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in every environment, or in those of ``options["reset_mask"]``."""
         seeds = each_seed(seed, self.num_envs)
@@ -124,11 +139,15 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         return self._singles.call(name, *args, **kwargs)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """An attribute of each single environment: ``oracle``, ``path``, ``world`` ..., as `SyncVectorEnv.get_attr`."""
+        """An attribute of each single environment: ``oracle``, ``path``, ``world`` ..., as
+        `SyncVectorEnv.get_attr`.
+        """
         return self._singles.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of your own in each environment, as `SyncVectorEnv.set_attr`; theirs are refused."""
+        """Set an attribute of your own in each environment, as `SyncVectorEnv.set_attr`; theirs are
+        refused.
+        """
         self._singles.set_attr(name, values)
 
     def render(self) -> tuple[Any, ...] | None:
@@ -138,7 +157,9 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
 def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
     """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any render mode of Gymnasium."""
-    return with_render_mode(partial(IrsNavRandomVectorEnv, **arguments), render_mode, Window, FrameCollection)
+    return with_render_mode(
+        partial(IrsNavRandomVectorEnv, **arguments), render_mode, Window, FrameCollection
+    )
 
 
 def _scene_id(step: Step) -> NDArray[np.object_]:
@@ -161,15 +182,22 @@ class _EpisodeSampler:
         self.is_violable = worlds.task.constraint == "allow"
         self.map_shape, self.num_maps = self.ground.shape, len(worlds)
 
-    def begin(self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf) -> States:
+    def begin(
+        self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
+    ) -> States:
         given = checked_options(options, "scene_id")
         scene_ids = given.pop("scene_id", None)
         if not isinstance(scene_ids, list | tuple | np.ndarray):
             scene_ids = [scene_ids] * len(states)
         if len(scene_ids) != len(states):
-            raise ValueError(f"scene_id holds {len(scene_ids)} scenes for {len(states)} environments")
+            raise ValueError(
+                f"scene_id holds {len(scene_ids)} scenes for {len(states)} environments"
+            )
         rngs = [rng(i) for i in chosen.tolist()]
-        numbers = [self.worlds.choose(scene_ids[i], each) for i, each in zip(chosen.tolist(), rngs, strict=True)]
+        numbers = [
+            self.worlds.choose(scene_ids[i], each)
+            for i, each in zip(chosen.tolist(), rngs, strict=True)
+        ]
         if given:
             starts, goals = self._given_ends(numbers, given, rngs)
         else:
@@ -201,7 +229,9 @@ class _EpisodeSampler:
     def _own_ends(
         self, numbers: list[int], rngs: list[np.random.Generator]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The scenes' own starts, some of them drawn, and goals, ``(n, 2)``; such episodes are known to be feasible."""
+        """The scenes' own starts, some of them drawn, and goals, ``(n, 2)``; such episodes are
+        known to be feasible.
+        """
         pool, task = self.worlds.pool, self.worlds.task.common
         starts, goals = pool.start[numbers], pool.goal[numbers]
         for n, rng in enumerate(rngs if task.random_start else ()):

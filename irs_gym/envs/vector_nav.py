@@ -45,25 +45,30 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     max_episode_steps
         Steps after which an episode is truncated.
     autoreset_mode
-        ``"NextStep"``: the step after an end ignores the action and returns the reset observation with a reward of 0;
-        ``"SameStep"``: it comes at once, the last one in ``infos["final_obs"]``, its info in ``infos["final_info"]``;
-        ``"Disabled"``: the user resets with ``options={"reset_mask": ...}``. Or an `AutoresetMode`.
+        ``"NextStep"``: the step after an end ignores the action and returns the reset observation
+        with a reward of 0; ``"SameStep"``: it comes at once, the last one in
+        ``infos["final_obs"]``, its info in ``infos["final_info"]``; ``"Disabled"``: the user resets
+        with ``options={"reset_mask": ...}``. Or an `AutoresetMode`.
     copy
-        Whether each observation has memory of its own. Otherwise the next step overwrites it, which is faster.
+        Whether each observation has memory of its own. Otherwise the next step overwrites it, which
+        is faster.
     render_mode
-        ``"rgb_array"`` or ``"ansi"``: `render` gives one picture or text for each environment. `gymnasium.make_vec`
-        knows ``"human"``, one window for all, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
+        ``"rgb_array"`` or ``"ansi"``: `render` gives one picture or text for each environment.
+        `gymnasium.make_vec` knows ``"human"``, one window for all, ``"rgb_array_list"`` and
+        ``"ansi_list"`` as well.
     infos
-        Keys that the infos hold, at every step the same: ``"all"`` of the single environment's, a list of some, or
-        ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go`` and ``gain_db``.
+        Keys that the infos hold, at every step the same: ``"all"`` of the single environment's, a
+        list of some, or ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go`` and
+        ``gain_db``.
     **arguments
         The fields of `irs_gym.mdp.task.Task`.
 
     Notes
     -----
-    Actions are integers of shape ``(n,)``. Infos hold an array ``(n, ...)`` for each key of the single environment's,
-    with a mask ``_key`` that tells which environments have it. ``reset`` takes a seed (environment i gets seed + i) or
-    one for each, and the options ``start``, ``goal`` and ``reset_mask`` (bool, ``(n,)``).
+    Actions are integers of shape ``(n,)``. Infos hold an array ``(n, ...)`` for each key of the
+    single environment's, with a mask ``_key`` that tells which environments have it. ``reset``
+    takes a seed (environment i gets seed + i) or one for each, and the options ``start``, ``goal``
+    and ``reset_mask`` (bool, ``(n,)``).
     """
 
     spec = PlainSpec()
@@ -85,14 +90,20 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.render_mode, self.copy = checked_render_mode(render_mode), copy
         self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
-        check_fleet(self.num_envs, self.max_episode_steps, build_observer(self.world, self.world.goal).packing)
+        check_fleet(
+            self.num_envs,
+            self.max_episode_steps,
+            build_observer(self.world, self.world.goal).packing,
+        )
         sampler = _EpisodeSampler(self.world, self.num_envs)
         self._episodes = VectorEpisodes(
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )
 
         self._singles = SingleEnvs(
-            self, partial(IrsNavEnv, render_mode=render_mode, infos=infos, **arguments), self._episodes.snapshot
+            self,
+            partial(IrsNavEnv, render_mode=render_mode, infos=infos, **arguments),
+            self._episodes.snapshot,
         )
 
         self.single_action_space: spaces.Discrete = spaces.Discrete(ACTIONS)
@@ -111,7 +122,10 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         return self.world.radio_map
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in every environment, or in those of ``options["reset_mask"]``."""
         seeds = each_seed(seed, self.num_envs)
@@ -128,7 +142,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     def paths(self) -> list[list[Cell]]:
         """Cells (i, j) of each robot's episode, refused moves left out; see `IrsNavEnv.path`.
 
-        Where an episode ended at the latest step, they are its cells, whether or not the robot has begun anew.
+        Where an episode ended at the latest step, they are its cells, whether or not the robot has
+        begun anew.
         """
         return self._episodes.paths()
 
@@ -144,11 +159,15 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         return self._singles.call(name, *args, **kwargs)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """An attribute of each single environment: ``oracle``, ``path``, ``world`` ..., as `SyncVectorEnv.get_attr`."""
+        """An attribute of each single environment: ``oracle``, ``path``, ``world`` ..., as
+        `SyncVectorEnv.get_attr`.
+        """
         return self._singles.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of your own in each environment, as `SyncVectorEnv.set_attr`; theirs are refused."""
+        """Set an attribute of your own in each environment, as `SyncVectorEnv.set_attr`; theirs are
+        refused.
+        """
         self._singles.set_attr(name, values)
 
     def render(self) -> tuple[Any, ...] | None:
@@ -158,11 +177,15 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
 
 def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
     """What `gymnasium.make_vec` calls: an `IrsNavVectorEnv` in any render mode of Gymnasium."""
-    return with_render_mode(partial(IrsNavVectorEnv, **arguments), render_mode, Window, FrameCollection)
+    return with_render_mode(
+        partial(IrsNavVectorEnv, **arguments), render_mode, Window, FrameCollection
+    )
 
 
 class _EpisodeSampler:
-    """Starts episodes in one world; `irs_gym.vector.protocols.EpisodeSampler` describes its attributes and methods."""
+    """Starts episodes in one world; `irs_gym.vector.protocols.EpisodeSampler` describes its
+    attributes and methods.
+    """
 
     info_values = VALUES
     num_maps = 1
@@ -176,7 +199,9 @@ class _EpisodeSampler:
         self.map_shape = world.radio_map.grid.shape
         self._goals: list[Cell] = [world.goal] * num_envs
 
-    def begin(self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf) -> States:
+    def begin(
+        self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
+    ) -> States:
         ends = checked_options(options)
         goal = ends.get("goal", self.world.goal)
         cells = self._starts(chosen, ends.get("start"), goal, rng)
@@ -192,14 +217,21 @@ class _EpisodeSampler:
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         return self.world, self._goals[i]
 
-    def _starts(self, chosen: NDArray[np.int64], start: Cell | None, goal: Cell, rng: RngOf) -> NDArray[np.int64]:
-        """Flat cells that the chosen robots start in: the given one, the world's, or one drawn for each."""
+    def _starts(
+        self, chosen: NDArray[np.int64], start: Cell | None, goal: Cell, rng: RngOf
+    ) -> NDArray[np.int64]:
+        """Flat cells that the chosen robots start in: the given one, the world's, or one drawn for
+        each.
+        """
         own, columns = start or self.world.start, self.world.feasible.shape[1]
         fixed = own[0] * columns + own[1]
         if start is not None or not self.is_random:
             tables_for(self.world, own, goal)
             return np.full(len(chosen), fixed)
-        cells = np.array([choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]) @ [columns, 1]
+        cells = np.array([choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]) @ [
+            columns,
+            1,
+        ]
         if fixed in cells:
             tables_for(self.world, own, goal)
         return np.asarray(cells)

@@ -1,4 +1,6 @@
-"""`optimal_q`: the exact values of all actions under the rules of an environment, by policy iteration."""
+"""`optimal_q`: the exact values of all actions under the rules of an environment, by policy
+iteration.
+"""
 
 from math import ceil, log, log2
 from numbers import Real
@@ -18,8 +20,9 @@ Ints = NDArray[np.int64]
 def optimal_q(transition: Transition, gamma: float) -> Floats:
     """The optimal action values Q* of a discounted return over deterministic transitions.
 
-    Howard's policy iteration: the value of a policy is exact, as each state has one successor, and it is improved until
-    no action is better. The error is that of sums of floats, below 1e-10 of the largest value.
+    Howard's policy iteration: the value of a policy is exact, as each state has one successor, and
+    it is improved until no action is better. The error is that of sums of floats, below 1e-10 of
+    the largest value.
 
     Parameters
     ----------
@@ -30,7 +33,8 @@ def optimal_q(transition: Transition, gamma: float) -> Floats:
 
     Returns
     -------
-    Shape ``(S, 8)``, in metres. Undiscounted, -inf where the episode can never end: each further move costs.
+    Shape ``(S, 8)``, in metres. Undiscounted, -inf where the episode can never end: each further
+    move costs.
 
     Raises
     ------
@@ -54,17 +58,21 @@ def optimal_q(transition: Transition, gamma: float) -> Floats:
 
         best = q.argmax(axis=1)
         now, then = q[states, policy], q[states, best]
-        is_better = then > now + _DUST * np.maximum(1.0, np.where(np.isfinite(now), np.abs(now), 0.0))
+        is_better = then > now + _DUST * np.maximum(
+            1.0, np.where(np.isfinite(now), np.abs(now), 0.0)
+        )
         if not is_better.any():
             return np.asarray(q)
         policy = np.where(is_better, best, policy)
 
 
-def policy_value(next_state: Ints, reward: Floats, is_terminated: NDArray[np.bool_], gamma: float) -> Floats:
+def policy_value(
+    next_state: Ints, reward: Floats, is_terminated: NDArray[np.bool_], gamma: float
+) -> Floats:
     """Discounted return from each state, where each has one action; all arrays ``(S,)``.
 
-    Returns of 1, 2, 4, 8 ... steps are put together from two halves each, until the rest counts for nothing. Without a
-    discount, -inf where the episode does not end within S steps, and so never.
+    Returns of 1, 2, 4, 8 ... steps are put together from two halves each, until the rest counts for
+    nothing. Without a discount, -inf where the episode does not end within S steps, and so never.
     """
     steps = float(len(reward)) if gamma == 1 else max(len(reward), log(_NEGLIGIBLE) / log(gamma))
     gain, goes_on = reward, ~is_terminated

@@ -1,4 +1,6 @@
-"""The autoreset mode of a vector environment; older versions of Gymnasium know none, so they have none of ours."""
+"""The autoreset mode of a vector environment; older versions of Gymnasium know none, so they have
+none of ours.
+"""
 
 import gymnasium
 
@@ -20,4 +22,6 @@ def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
     for each in AutoresetMode:
         if isinstance(mode, str) and mode in (each.value, each.name, each.name.lower()):
             return each
-    raise ValueError(f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}")
+    raise ValueError(
+        f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}"
+    )

@@ -19,11 +19,14 @@ from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}
-_ACTIONS = "an integer from 0 to 7: " + ", ".join(f"{n} {name}" for n, name in enumerate(MOVE_NAMES))
+_ACTIONS = "an integer from 0 to 7: " + ", ".join(
+    f"{n} {name}" for n, name in enumerate(MOVE_NAMES)
+)
 
 
 class PlainSpec:
-    """The attribute ``spec``: how `gymnasium.make` makes an environment again, kept with arguments that JSON can hold.
+    """The attribute ``spec``: how `gymnasium.make` makes an environment again, kept with arguments
+    that JSON can hold.
 
     A `Scene` and a `RadioMap` become dicts and a path a string, which the environments take in
     their place. A `SceneSet`
@@ -34,7 +37,9 @@ class PlainSpec:
         return None if env is None else vars(env).get("_spec")
 
     def __set__(self, env: Any, spec: EnvSpec | None) -> None:
-        arguments = {} if spec is None else {name: as_data(value) for name, value in spec.kwargs.items()}
+        arguments = (
+            {} if spec is None else {name: as_data(value) for name, value in spec.kwargs.items()}
+        )
         vars(env)["_spec"] = None if spec is None else replace(spec, kwargs=arguments)
 
 
@@ -57,7 +62,9 @@ def checked_render_mode(render_mode: str | None) -> str | None:
     """The mode; a ``ValueError`` lists the known ones for an unknown one."""
     is_known = isinstance(render_mode, str) and render_mode in METADATA["render_modes"]
     if render_mode is not None and not is_known:
-        raise ValueError(f"render_mode={render_mode!r} must be one of {METADATA['render_modes']} or None")
+        raise ValueError(
+            f"render_mode={render_mode!r} must be one of {METADATA['render_modes']} or None"
+        )
     return render_mode
 
 
@@ -91,21 +98,30 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
 
 
 def checked_options(options: dict[str, Any] | None, more: str | None = None) -> dict[str, Any]:
-    """The options of `reset`: ``start`` and ``goal``, checked to be cells, and ``more`` as it is given.
+    """The options of `reset`: ``start`` and ``goal``, checked to be cells, and ``more`` as it is
+    given.
 
     A ``ValueError`` names an unknown key, or a value that is no cell.
     """
     unknown = sorted(set(options or {}) - {"start", "goal", more})
     if unknown:
         may_hold = "start and goal, cells (i, j)" + (f", and {more}" if more else "")
-        raise ValueError(f"options has the unknown key {', '.join(unknown)}: it may hold {may_hold}")
-    return {name: value if name == more else as_cell(value, name) for name, value in (options or {}).items()}
+        raise ValueError(
+            f"options has the unknown key {', '.join(unknown)}: it may hold {may_hold}"
+        )
+    return {
+        name: value if name == more else as_cell(value, name)
+        for name, value in (options or {}).items()
+    }
 
 
 def check_fleet(num_envs: int, max_episode_steps: int, packing: Packing) -> None:
-    """Refuse a vector environment whose observations and paths would take too much memory, before any is made."""
+    """Refuse a vector environment whose observations and paths would take too much memory, before
+    any is made.
+    """
     check_memory(
-        f"num_envs={num_envs}: state and observations of {packing.width} numbers", num_envs * (18 * packing.width + 500)
+        f"num_envs={num_envs}: state and observations of {packing.width} numbers",
+        num_envs * (18 * packing.width + 500),
     )
     check_memory(
         f"num_envs={num_envs}, max_episode_steps={max_episode_steps}: the paths of all robots",
@@ -121,7 +137,8 @@ def checked_count(name: str, value: Any) -> int:
 
 
 def checked_seed(seed: Any, name: str = "seed") -> int | None:
-    """The seed as an int, which Gymnasium asks for, or None; a ``ValueError`` names what is neither.
+    """The seed as an int, which Gymnasium asks for, or None; a ``ValueError`` names what is
+    neither.
 
     NumPy's integers are taken as well.
     """
@@ -137,7 +154,8 @@ def checked_seed(seed: Any, name: str = "seed") -> int | None:
 
 
 def each_seed(seed: Any, count: int) -> Sequence[int | None] | None:
-    """A seed for each of ``count`` environments: the given ones, or counted up from one; None for no change.
+    """A seed for each of ``count`` environments: the given ones, or counted up from one; None for
+    no change.
 
     Raises ``ValueError`` for a number of seeds that is not ``count``, and for a seed that is none.
     """

@@ -1,4 +1,6 @@
-"""The rules of motion: pure, batched functions over cells and actions, and `Tables` that hold all their values."""
+"""The rules of motion: pure, batched functions over cells and actions, and `Tables` that hold all
+their values.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -30,14 +32,17 @@ class Transition(NamedTuple):
 
 
 def potential(task: Task, offsets: NDArray[np.int64], cell_size: float) -> NDArray[np.float64]:
-    """Shaping potential in metres, shape ``(...)``: minus the octile distance to the goal, zero without shaping.
+    """Shaping potential in metres, shape ``(...)``: minus the octile distance to the goal, zero
+    without shaping.
 
     ``offsets`` ``(..., 2)``: cells from the goal along x and y.
     """
     return -octile_distance(offsets) * cell_size * task.shaping
 
 
-def reward(task: Task, length: Any, potential_now: Any, potential_next: Any, is_at_goal: Any) -> Any:
+def reward(
+    task: Task, length: Any, potential_now: Any, potential_next: Any, is_at_goal: Any
+) -> Any:
     """Minus the metres of the move, plus the change of the potential, plus the goal's bonus."""
     return -length + (potential_next - potential_now) + task.goal_bonus * is_at_goal
 
@@ -45,8 +50,9 @@ def reward(task: Task, length: Any, potential_now: Any, potential_next: Any, is_
 def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[Bools, Bools]:
     """Which actions are not refused, and which miss the target: both of shape ``(X, Y, 8)``.
 
-    A move into a wall, an obstacle or (unless allowed) a cell below the target is refused. Under ``"terminate"``, an
-    attempt to enter a cell below the target misses it, under ``"allow"`` whatever leads to one or stays in one.
+    A move into a wall, an obstacle or (unless allowed) a cell below the target is refused. Under
+    ``"terminate"``, an attempt to enter a cell below the target misses it, under ``"allow"``
+    whatever leads to one or stays in one.
     """
     keeps_target = legal_moves(feasible)
     if constraint == "refuse":
@@ -70,7 +76,8 @@ def transition(world: World, goal: Cell) -> Transition:
     task, grid = world.task, world.radio_map.grid
     cells = np.arange(world.feasible.size)[:, None]
     is_legal, is_violation = (
-        each.reshape(-1, ACTIONS) for each in permissions(task.constraint, world.radio_map.free, world.feasible)
+        each.reshape(-1, ACTIONS)
+        for each in permissions(task.constraint, world.radio_map.free, world.feasible)
     )
     next_cell = np.where(is_legal, cells + MOVES @ np.array([grid.shape[1], 1]), cells)
     length = np.broadcast_to(MOVE_LENGTHS * grid.cell_size, is_legal.shape)
@@ -88,7 +95,9 @@ def transition(world: World, goal: Cell) -> Transition:
 
 
 def transition_table(world: World, goal: Cell) -> Transition:
-    """As `transition`, but for the goal: there an episode is over, so each action stays, for nothing, and ends it."""
+    """As `transition`, but for the goal: there an episode is over, so each action stays, for
+    nothing, and ends it.
+    """
     table, here = transition(world, goal), int(np.ravel_multi_index(goal, world.feasible.shape))
     over = Transition(here, 0.0, 0.0, False, 0.0, True, True)
     for column, value in zip(table, over, strict=True):
@@ -108,7 +117,9 @@ def action_mask(world: World) -> NDArray[np.int8]:
 
 
 def start_cells(to_go: NDArray[np.float64], goal: Cell) -> NDArray[np.int64]:
-    """Cells, as flat indices, that a random start is drawn from: the goal can be reached, and is not yet."""
+    """Cells, as flat indices, that a random start is drawn from: the goal can be reached, and is
+    not yet.
+    """
     can_reach = np.isfinite(to_go)
     can_reach[goal] = False
     return np.flatnonzero(can_reach)
@@ -116,7 +127,9 @@ def start_cells(to_go: NDArray[np.float64], goal: Cell) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """All values of the rules for one world and goal, over flat cells, for environments to gather from."""
+    """All values of the rules for one world and goal, over flat cells, for environments to gather
+    from.
+    """
 
     world: World
     goal: Cell
@@ -135,7 +148,9 @@ class Tables:
 
 @lru_cache(maxsize=8)
 def tabulate(world: World, goal: Cell) -> Tables:
-    """Tables of a world for one goal, with one run of Dijkstra; kept, so the same goal costs nothing again."""
+    """Tables of a world for one goal, with one run of Dijkstra; kept, so the same goal costs
+    nothing again.
+    """
     grid = world.radio_map.grid
     to_go = world.to_go if goal == world.goal else None
     if to_go is None:
@@ -153,21 +168,30 @@ def tabulate(world: World, goal: Cell) -> Tables:
 
 
 def _records(**columns: NDArray[Any]) -> NDArray[np.void]:
-    """The columns as one array of records: a record is gathered, or turned to Python's own types, in one go."""
-    records = np.empty(next(iter(columns.values())).size, dtype=[(name, each.dtype) for name, each in columns.items()])
+    """The columns as one array of records: a record is gathered, or turned to Python's own types,
+    in one go.
+    """
+    records = np.empty(
+        next(iter(columns.values())).size,
+        dtype=[(name, each.dtype) for name, each in columns.items()],
+    )
     for name, each in columns.items():
         records[name] = each.ravel()
     return records
 
 
 def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
-    """The world's start; with the probability that its task says, one drawn among the cells that lead to the goal."""
+    """The world's start; with the probability that its task says, one drawn among the cells that
+    lead to the goal.
+    """
     if not draws_start(world.task, rng):
         return world.start
     check_cell(world, "goal", goal)
     starts = tabulate(world, goal).starts
     if not len(starts):
-        raise ValueError(f"goal={goal} cannot be reached from any other cell at target_db={world.target_db}")
+        raise ValueError(
+            f"goal={goal} cannot be reached from any other cell at target_db={world.target_db}"
+        )
     i, j = divmod(draw_start(starts, rng), world.feasible.shape[1])
     return i, j
 
@@ -197,8 +221,8 @@ def tables_for(world: World, start: Cell, goal: Cell) -> Tables:
     Raises
     ------
     ValueError
-        Where an end lies off the map or in an obstacle, the two are one, or no feasible path joins them; the message
-        then gives the highest feasible target.
+        Where an end lies off the map or in an obstacle, the two are one, or no feasible path joins
+        them; the message then gives the highest feasible target.
     """
     check_cell(world, "start", start)
     check_cell(world, "goal", goal)
@@ -220,7 +244,10 @@ def check_task(world: World) -> None:
     """
     to_go = tables_for(world, world.start, world.goal).distance_to_go
     check_bonus(
-        world.task, float(to_go[world.start]), np.subtract(world.start, world.goal), world.radio_map.grid.cell_size
+        world.task,
+        float(to_go[world.start]),
+        np.subtract(world.start, world.goal),
+        world.radio_map.grid.cell_size,
     )
 
 

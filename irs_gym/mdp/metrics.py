@@ -27,7 +27,8 @@ def spl(is_success: ArrayLike, oracle_distance: ArrayLike, distance: ArrayLike) 
 
 
 def soft_spl(progress: ArrayLike, oracle_distance: ArrayLike, distance: ArrayLike) -> Floats:
-    """Progress weighted by path length (Datta et al., 2020), from 0 to 1: `spl` with the progress for the success.
+    """Progress weighted by path length (Datta et al., 2020), from 0 to 1: `spl` with the progress
+    for the success.
 
     ``progress`` is the share of the way to the goal that was made, from 0 to 1.
     """
@@ -36,7 +37,9 @@ def soft_spl(progress: ArrayLike, oracle_distance: ArrayLike, distance: ArrayLik
     return np.asarray(np.asarray(progress) * (shortest / np.maximum(shortest, distance)))
 
 
-def distance_ratio(is_success: ArrayLike, oracle_distance: ArrayLike, distance: ArrayLike) -> Floats:
+def distance_ratio(
+    is_success: ArrayLike, oracle_distance: ArrayLike, distance: ArrayLike
+) -> Floats:
     """Metres travelled over the shortest way; NaN where there was no success. Shapes as for `spl`."""
     ratio = np.asarray(distance, dtype=np.float64) / np.asarray(oracle_distance, dtype=np.float64)
 

@@ -25,9 +25,10 @@ Rows = NDArray[np.float32]
 class Packing:
     """How observations are packed in rows of float32.
 
-    In the order of their keys, as `gymnasium.spaces.flatten` packs a Dict: ``gain_patch`` (2r+1, 2r+1), ``irs``
-    (3 + N), ``position`` (4). Masked, the action mask (8) follows. As a map, a row holds the image (4, X, Y); as a
-    cell, its flat index. Raises ``ValueError`` for more cells than float32 can number.
+    In the order of their keys, as `gymnasium.spaces.flatten` packs a Dict: ``gain_patch`` (2r+1,
+    2r+1), ``irs`` (3 + N), ``position`` (4). Masked, the action mask (8) follows. As a map, a row
+    holds the image (4, X, Y); as a cell, its flat index. Raises ``ValueError`` for more cells than
+    float32 can number.
     """
 
     observation: Observation
@@ -37,7 +38,9 @@ class Packing:
 
     def __post_init__(self) -> None:
         if self.observation == "cell" and prod(self.shape) > _MOST_CELLS:
-            raise ValueError(f"observation='cell' can tell {_MOST_CELLS} cells apart, and {self.shape} are more")
+            raise ValueError(
+                f"observation='cell' can tell {_MOST_CELLS} cells apart, and {self.shape} are more"
+            )
 
     @cached_property
     def patch_end(self) -> int:
@@ -74,7 +77,9 @@ class Packing:
         return _box((self.width,) if self.observation == "flat" else (4, *self.shape))
 
     def unpack(self, rows: Rows) -> Any:
-        """Observations of rows ``(..., D)``, with the leading axes kept: views of them, but for masks and cells."""
+        """Observations of rows ``(..., D)``, with the leading axes kept: views of them, but for
+        masks and cells.
+        """
         if self.observation == "flat":
             return rows
         leading = rows.shape[:-1]
@@ -111,10 +116,13 @@ class Observer:
     packing: Packing
     rows: Callable[[NDArray[np.int64], Rows], Rows]
     table: Rows | None  # (X * Y, D), where it is small enough to keep
-    _seen: Callable[[int], Any] = field(init=False, repr=False)  # unpacked views of the table's rows
+    _seen: Callable[[int], Any] = field(
+        init=False, repr=False
+    )  # unpacked views of the table's rows
 
     def __post_init__(self) -> None:
-        # Robots are in the same cells again and again, and to copy parts is faster than to take a copy apart.
+        # Robots are in the same cells again and again, and to copy parts is faster than to take a
+        # copy apart.
         seen = lru_cache(maxsize=4096)(lambda cell: self.packing.unpack(self.table[cell]))  # type: ignore[index]
         object.__setattr__(self, "_seen", seen)
 
@@ -142,15 +150,24 @@ def build_observer(world: World, goal: Cell) -> Observer:
     packing = Packing(task.observation, 2 * task.patch_radius + 1, world.irs.shape[-1], shape)
     rows = _ROWS.get(task.observation, _packed_rows)(world, goal, packing)
     cells, table = world.feasible.size, None
-    # A world whose distances were known beforehand is one of many: it is entered once, and few of its cells are seen.
-    if world.to_go is None and task.observation != "map" and cells * packing.width * 4 <= _LARGEST_TABLE:
+    # A world whose distances were known beforehand is one of many: it is entered once, and few of
+    # its cells are seen.
+    if (
+        world.to_go is None
+        and task.observation != "map"
+        and cells * packing.width * 4 <= _LARGEST_TABLE
+    ):
         table = rows(np.arange(cells), np.empty((cells, packing.width), dtype=np.float32))
         table.setflags(write=False)
     return Observer(world, goal, packing, rows, table)
 
 
-def scaled_margin(gain_db: NDArray[np.float64], target_db: float | NDArray[np.float64]) -> NDArray[np.float32]:
-    """Margin over the target in `MARGIN_SCALE_DB`, clipped to [-1, 1]; -1 in obstacles. Shape of the gain."""
+def scaled_margin(
+    gain_db: NDArray[np.float64], target_db: float | NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Margin over the target in `MARGIN_SCALE_DB`, clipped to [-1, 1]; -1 in obstacles. Shape of
+    the gain.
+    """
     return np.clip((gain_db - target_db) / MARGIN_SCALE_DB, -1.0, 1.0).astype(np.float32)
 
 
@@ -164,10 +181,16 @@ def vectors_to_goal(offsets: NDArray[np.int64], shape: tuple[int, int]) -> Rows:
     return (-offsets / shape).astype(np.float32)
 
 
-def _packed_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArray[np.int64], Rows], Rows]:
+def _packed_rows(
+    world: World, goal: Cell, packing: Packing
+) -> Callable[[NDArray[np.int64], Rows], Rows]:
     side, shape = packing.side, packing.shape
-    padded = np.pad(scaled_margin(world.radio_map.gain_db, world.target_db), side // 2, constant_values=-1.0)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))  # (X, Y, side, side), a view
+    padded = np.pad(
+        scaled_margin(world.radio_map.gain_db, world.target_db), side // 2, constant_values=-1.0
+    )
+    windows = np.lib.stride_tricks.sliding_window_view(
+        padded, (side, side)
+    )  # (X, Y, side, side), a view
     cells = np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)
     own, to_goal = own_positions(cells, shape), vectors_to_goal(cells - np.array(goal), shape)
     irs, columns, patch_end, irs_end = world.irs, shape[1], packing.patch_end, packing.irs_end
@@ -186,11 +209,16 @@ def _packed_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArra
     return rows
 
 
-def _map_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArray[np.int64], Rows], Rows]:
+def _map_rows(
+    world: World, goal: Cell, packing: Packing
+) -> Callable[[NDArray[np.int64], Rows], Rows]:
     """Image channels (4, X, Y): scaled margin, obstacle, robot, goal; the last three are 0 or 1."""
     shape, cells = packing.shape, prod(packing.shape)
     still = np.zeros((4, *shape), dtype=np.float32)
-    still[0], still[1] = scaled_margin(world.radio_map.gain_db, world.target_db), ~world.radio_map.free
+    still[0], still[1] = (
+        scaled_margin(world.radio_map.gain_db, world.target_db),
+        ~world.radio_map.free,
+    )
     still[3][goal] = 1.0
     still_row = still.ravel()
 
@@ -202,7 +230,9 @@ def _map_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArray[n
     return rows
 
 
-def _cell_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArray[np.int64], Rows], Rows]:
+def _cell_rows(
+    world: World, goal: Cell, packing: Packing
+) -> Callable[[NDArray[np.int64], Rows], Rows]:
     """The cell itself."""
 
     def rows(at: NDArray[np.int64], out: Rows) -> Rows:
@@ -212,7 +242,9 @@ def _cell_rows(world: World, goal: Cell, packing: Packing) -> Callable[[NDArray[
     return rows
 
 
-_ROWS: dict[Observation, Callable[[World, Cell, Packing], Callable[[NDArray[np.int64], Rows], Rows]]] = {
+_ROWS: dict[
+    Observation, Callable[[World, Cell, Packing], Callable[[NDArray[np.int64], Rows], Rows]]
+] = {
     "map": _map_rows,
     "cell": _cell_rows,
 }

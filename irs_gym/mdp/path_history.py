@@ -7,15 +7,20 @@ from irs_gym.grid import Cell
 
 
 class PathHistory:
-    """Remembers where n robots were at their latest steps: a ring of rows, so that a step costs one row.
+    """Remembers where n robots were at their latest steps: a ring of rows, so that a step costs one
+    row.
 
     Cells are flat; where there are several maps, they lie one above the other.
     """
 
-    def __init__(self, num_robots: int, length: int, shape: tuple[int, int], num_maps: int = 1) -> None:
+    def __init__(
+        self, num_robots: int, length: int, shape: tuple[int, int], num_maps: int = 1
+    ) -> None:
         """Remember ``length`` steps on maps of the given shape."""
         self._shape = shape
-        smallest = np.min_scalar_type(num_maps * shape[0] * shape[1] - 1)  # leaves the caches to the tables
+        smallest = np.min_scalar_type(
+            num_maps * shape[0] * shape[1] - 1
+        )  # leaves the caches to the tables
         self._rows = np.zeros((length, num_robots), dtype=smallest)
         self._clock = 0  # steps of all robots
         # of the episode of each robot, and of the one before it
@@ -24,7 +29,9 @@ class PathHistory:
         self._ended = np.zeros(num_robots, dtype=np.int64)  # clock at the end of the one before
 
     def begin(self, chosen: NDArray[np.int64], cells: NDArray[np.int64], clock: int) -> None:
-        """Start an episode of the chosen robots in the flat cells at a time, in steps of all robots."""
+        """Start an episode of the chosen robots in the flat cells at a time, in steps of all
+        robots.
+        """
         self._starts[1, chosen] = self._starts[0, chosen]
         self._began[1, chosen] = self._began[0, chosen]
         self._ended[chosen] = clock
@@ -32,7 +39,9 @@ class PathHistory:
         self._began[0, chosen] = clock
 
     def advance(self, cells: NDArray[np.int64], clock: int) -> None:
-        """Remember the flat cells ``(n,)`` after a step, at a time that is one step later than the last."""
+        """Remember the flat cells ``(n,)`` after a step, at a time that is one step later than the
+        last.
+        """
         self._clock = clock
         self._rows[clock % len(self._rows)] = cells
 
@@ -41,19 +50,23 @@ class PathHistory:
         return int(self._clock - self._began[0, robot])
 
     def path(self, robot: int, *, of_last_episode: bool | np.bool_ = False) -> list[Cell]:
-        """Cells (i, j) of a robot's episode, or of the one before it, if that ended at the latest step.
+        """Cells (i, j) of a robot's episode, or of the one before it, if that ended at the latest
+        step.
 
         Refused moves are left out.
         """
         which = int(of_last_episode)
         end = self._ended[robot] if of_last_episode else self._clock
         steps = np.arange(self._began[which, robot] + 1, end + 1)
-        flat = np.concatenate([self._starts[which, [robot]], self._rows[steps % len(self._rows), robot]])
+        flat = np.concatenate(
+            [self._starts[which, [robot]], self._rows[steps % len(self._rows), robot]]
+        )
         return cells_of(flat, self._shape)
 
 
 def cells_of(flat: NDArray[np.integer], shape: tuple[int, int]) -> list[Cell]:
-    """Cells (i, j) of flat cells ``(T,)`` of a map, or of several one above the other; repetitions in a row count once.
+    """Cells (i, j) of flat cells ``(T,)`` of a map, or of several one above the other; repetitions
+    in a row count once.
 
     Examples
     --------

@@ -1,4 +1,6 @@
-"""`Task`: the arguments of an environment, checked, and `World`: all that they fix once and for all."""
+"""`Task`: the arguments of an environment, checked, and `World`: all that they fix once and for
+all.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -27,7 +29,8 @@ Observation = Literal["dict", "flat", "map", "masked", "cell"]
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What `IrsNav-v0` is made of; each field is an argument of `gymnasium.make`. All have defaults.
+    """What `IrsNav-v0` is made of; each field is an argument of `gymnasium.make`. All have
+    defaults.
 
     Raises ``ValueError`` where a value is out of its range; the message names the field.
     """
@@ -35,11 +38,15 @@ class Task:
     scene: str | Path | Scene | dict[str, Any] = "paper"
     """A scene's name in the package, the path of a scene file, a scene, or its data as a dict."""
     target_db: float | None = None
-    """Lowest expected channel gain in dB that keeps the robot connected; None as the scene says (-61.8 in "paper")."""
+    """Lowest expected channel gain in dB that keeps the robot connected; None as the scene says
+    (-61.8 in "paper").
+    """
     cell_size: float = 0.5
     """Edge of a cell in metres."""
     irs_elements: int | None = None
-    """Elements on each IRS panel, the paper's M; 0 for no IRS; None as the scene says (1,200 in "paper")."""
+    """Elements on each IRS panel, the paper's M; 0 for no IRS; None as the scene says (1,200 in
+    "paper").
+    """
     phase_bits: int | None = None
     """Resolution of the phase shifters; None as the scene says (continuous in "paper")."""
     quantiser: Quantiser = "nearest"
@@ -49,13 +56,18 @@ class Task:
     patch_radius: int = 5
     """Cells that the robot sees around itself in each direction."""
     observation: Observation = "dict"
-    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map", or the "cell"."""
+    """"dict", the same packed as "flat", that beside the action mask as "masked", the whole "map",
+    or the "cell".
+    """
     irs_phases: bool = True
     """Whether the observation holds the phase shift of each sub-surface."""
     constraint: Constraint = "refuse"
-    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed at a cost."""
+    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed
+    at a cost.
+    """
     random_start: float = False
-    """Probability of a start drawn among the cells from which the goal can be reached; True is 1."""
+    """Probability of a start drawn among the cells from which the goal can be reached; True is 1.
+    """
     shaping: bool = True
     """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
     goal_bonus: float = 10.0
@@ -75,8 +87,12 @@ class Task:
         Hardware(self.phase_bits, self.quantiser, self.array_model)
         self._check_scalars()
         for name, choices in (("observation", Observation), ("constraint", Constraint)):
-            if not isinstance(getattr(self, name), str) or getattr(self, name) not in get_args(choices):
-                raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}")
+            if not isinstance(getattr(self, name), str) or getattr(self, name) not in get_args(
+                choices
+            ):
+                raise ValueError(
+                    f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}"
+                )
         for name in ("irs_phases", "shaping"):
             if not isinstance(getattr(self, name), bool | np.bool_):
                 raise ValueError(f"{name}={getattr(self, name)!r} must be True or False")
@@ -89,15 +105,23 @@ class Task:
     def _check_scalars(self) -> None:
         checked_cell_size(self.cell_size)
         if self.irs_elements is not None and not is_integer(self.irs_elements):
-            raise ValueError(f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None")
+            raise ValueError(
+                f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None"
+            )
         for name in ("target_db", "goal_bonus"):
             value = getattr(self, name)
-            if (value is not None or name == "goal_bonus") and not (_is_number(value) and abs(value) <= _LARGEST):
-                raise ValueError(f"{name}={value!r} must be a finite number, none beyond {_LARGEST}")
+            if (value is not None or name == "goal_bonus") and not (
+                _is_number(value) and abs(value) <= _LARGEST
+            ):
+                raise ValueError(
+                    f"{name}={value!r} must be a finite number, none beyond {_LARGEST}"
+                )
         if self.goal_bonus < 0:
             raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
         if not isinstance(self.random_start, Real | np.bool_) or not 0 <= self.random_start <= 1:
-            raise ValueError(f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1")
+            raise ValueError(
+                f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1"
+            )
         if not is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
             raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
 
@@ -105,36 +129,51 @@ class Task:
         for name in ("start", "goal"):
             if getattr(self, name) is None:
                 raise ValueError(f"{name} must be given as a cell (i, j) along with radio_map")
-        scene_only = ("scene", "cell_size", "irs_elements", "phase_bits", "quantiser", "array_model")
+        scene_only = (
+            "scene",
+            "cell_size",
+            "irs_elements",
+            "phase_bits",
+            "quantiser",
+            "array_model",
+        )
         defaults = {each.name: each.default for each in fields(self)}
         given = [name for name in scene_only if getattr(self, name) != defaults[name]]
         if given:
-            raise ValueError(f"{', '.join(given)} cannot be given along with radio_map, which fixes the map")
+            raise ValueError(
+                f"{', '.join(given)} cannot be given along with radio_map, which fixes the map"
+            )
 
 
 def task_of(arguments: dict[str, Any], owner: str = "Task") -> Task:
-    """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an unknown one."""
+    """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an
+    unknown one.
+    """
     return Task(**checked_fields(Task, arguments, owner))
 
 
 def checked_fields(kind: type[Any], arguments: dict[str, Any], owner: str) -> dict[str, Any]:
     """The arguments of the class ``owner``, if all are fields of a dataclass.
 
-    A ``TypeError`` lists the fields for an argument that is none, after the words with which Python itself refuses
-    one: TorchRL looks for these, and makes the environment without the argument.
+    A ``TypeError`` lists the fields for an argument that is none, after the words with which Python
+    itself refuses one: TorchRL looks for these, and makes the environment without the argument.
     """
     known = [each.name for each in fields(kind)]
     unknown = [name for name in arguments if name not in known]
     if unknown:
-        refused = "; ".join(f"{owner}.__init__() got an unexpected keyword argument {name!r}" for name in unknown)
+        refused = "; ".join(
+            f"{owner}.__init__() got an unexpected keyword argument {name!r}" for name in unknown
+        )
         raise TypeError(f"{refused}: the arguments are {', '.join(known)} and render_mode")
     return arguments
 
 
 def resolved(task: Task) -> Task:
-    """The task with its scene or map read, and with all that it left to the scene: a target and a resolution.
+    """The task with its scene or map read, and with all that it left to the scene: a target and a
+    resolution.
 
-    A map from elsewhere says no target: that of the paper is taken. A resolved task is left as it is.
+    A map from elsewhere says no target: that of the paper is taken. A resolved task is left as it
+    is.
 
     Raises
     ------
@@ -145,7 +184,11 @@ def resolved(task: Task) -> Task:
     """
     if task.radio_map is not None:
         assert not isinstance(task.radio_map, dict)  # Task has read its data
-        radio_map = task.radio_map if isinstance(task.radio_map, RadioMap) else RadioMap.load(task.radio_map)
+        radio_map = (
+            task.radio_map
+            if isinstance(task.radio_map, RadioMap)
+            else RadioMap.load(task.radio_map)
+        )
         return replace(task, radio_map=radio_map, target_db=_first(task.target_db, TARGET_DB))
     assert not isinstance(task.scene, dict)  # Task has read its data
     scene = as_scene(task.scene)
@@ -171,9 +214,15 @@ class World:
     start: Cell
     goal: Cell
     feasible: NDArray[np.bool_]  # (X, Y)
-    irs: NDArray[np.float32] = field(repr=False)  # (X, Y, 3 + N), what the observation tells of the IRS, in [-1, 1]
-    source: tuple[Callable[..., "World"], tuple[Any, ...]] = field(repr=False)  # a call that gives it again
-    to_go: NDArray[np.float64] | None = field(default=None, repr=False)  # (X, Y), metres to its own goal where known
+    irs: NDArray[np.float32] = field(
+        repr=False
+    )  # (X, Y, 3 + N), what the observation tells of the IRS, in [-1, 1]
+    source: tuple[Callable[..., "World"], tuple[Any, ...]] = field(
+        repr=False
+    )  # a call that gives it again
+    to_go: NDArray[np.float64] | None = field(
+        default=None, repr=False
+    )  # (X, Y), metres to its own goal where known
 
     def __post_init__(self) -> None:
         freeze(self.feasible, self.irs, self.to_go)
@@ -186,7 +235,9 @@ class World:
 
     @cached_property
     def fingerprint(self) -> bytes:
-        """8 bytes that tell maps and rules apart; what is observed, and where episodes begin and end, is no part."""
+        """8 bytes that tell maps and rules apart; what is observed, and where episodes begin and
+        end, is no part.
+        """
         task, grid = self.task, self.radio_map.grid
         rules = (task.constraint, bool(task.shaping), float(task.goal_bonus), self.target_db)
         said = repr((grid.shape, float(grid.cell_size), rules)).encode()
@@ -241,14 +292,21 @@ def _build_world(task: Task) -> World:
 def _check_world(grid: Grid, scene: Scene) -> None:
     """Refuse a world whose tables would take too much memory, before any of it is made."""
     grid.check_memory(_CELL_BYTES, "map and tables")
-    cells, shifts = grid.shape[0] * grid.shape[1], sum(panel.subsurfaces for panel in scene.irs_panels)
-    check_memory(f"irs_elements: {shifts} phase shifts in each of {cells} cells", _SHIFT_BYTES * cells * shifts)
+    cells, shifts = (
+        grid.shape[0] * grid.shape[1],
+        sum(panel.subsurfaces for panel in scene.irs_panels),
+    )
+    check_memory(
+        f"irs_elements: {shifts} phase shifts in each of {cells} cells",
+        _SHIFT_BYTES * cells * shifts,
+    )
 
 
 def irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
     """What an agent is told of the IRS, shape ``(3,)``, all -1 where there is none.
 
-    Presence (-1 or 1), resolution (1 - 2/L, 1 if continuous) and size (1 - 2/(1 + M/1000), M of all panels).
+    Presence (-1 or 1), resolution (1 - 2/L, 1 if continuous) and size (1 - 2/(1 + M/1000), M of all
+    panels).
     """
     elements = sum(panel.elements for panel in scene.irs_panels)
     if not elements:

@@ -1,4 +1,6 @@
-"""The oracle: exact shortest paths, distances to go and the highest feasible target of a map, as plain arrays."""
+"""The oracle: exact shortest paths, distances to go and the highest feasible target of a map, as
+plain arrays.
+"""
 
 from dataclasses import dataclass
 from math import floor, sqrt
@@ -7,12 +9,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components, dijkstra, minimum_spanning_tree
+from scipy.sparse.csgraph import (
+    breadth_first_order,
+    connected_components,
+    dijkstra,
+    minimum_spanning_tree,
+)
 
-from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, as_cell, checked_cell_size, checked_map, legal_moves
+from irs_gym.grid import (
+    MOVE_LENGTHS,
+    MOVES,
+    Cell,
+    as_cell,
+    checked_cell_size,
+    checked_map,
+    legal_moves,
+)
 from irs_gym.memory import freeze
 
-GRAPH_BYTES = 400  # for each cell of a map, at the most: of the graph of its moves and a search in it
+GRAPH_BYTES = (
+    400  # for each cell of a map, at the most: of the graph of its moves and a search in it
+)
 Integers = NDArray[np.integer[Any]]
 
 _TIE = 1e-9  # relative: lengths are sums of floats, and moves that lose no more than this are as good as the best
@@ -38,14 +55,18 @@ class Path:
 
 
 def path_length(cells: NDArray[np.int64], cell_size: float) -> float:
-    """Length in metres of a path of neighbouring cells ``(D, 2)``, counted exactly: (a + b sqrt(2)) cell_size."""
+    """Length in metres of a path of neighbouring cells ``(D, 2)``, counted exactly: (a + b sqrt(2))
+    cell_size.
+    """
     steps = np.abs(np.diff(cells, axis=0))
     diagonal = int(np.count_nonzero(steps.sum(axis=1) == 2))
     straight = int(np.count_nonzero(steps.sum(axis=1) == 1))
     return (straight + diagonal * sqrt(2.0)) * cell_size
 
 
-def shortest_path(feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_size: float) -> Path | None:
+def shortest_path(
+    feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_size: float
+) -> Path | None:
     """Shortest path over feasible cells: problem (15) of the paper, by Dijkstra's algorithm.
 
     Parameters
@@ -66,7 +87,10 @@ def shortest_path(feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_siz
     ValueError
         Where ``feasible`` is no map of bools, an end no cell of it, or ``cell_size`` not positive.
     """
-    feasible, cell_size = checked_map(feasible, "feasible", "b", GRAPH_BYTES), checked_cell_size(cell_size)
+    feasible, cell_size = (
+        checked_map(feasible, "feasible", "b", GRAPH_BYTES),
+        checked_cell_size(cell_size),
+    )
     start, goal = as_cell(start, "start"), as_cell(goal, "goal")
     source, target = flat_cell(feasible, start, "start"), flat_cell(feasible, goal, "goal")
     if not (feasible[start] and feasible[goal]):
@@ -81,12 +105,18 @@ def shortest_path(feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_siz
     return Path(path_length(cells, cell_size), cells)
 
 
-def distance_to_go(feasible: NDArray[np.bool_], goal: Cell, cell_size: float) -> NDArray[np.float64]:
+def distance_to_go(
+    feasible: NDArray[np.bool_], goal: Cell, cell_size: float
+) -> NDArray[np.float64]:
     """Length in metres of the shortest path from every cell to the goal.
 
-    Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` as `shortest_path` does.
+    Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` as
+    `shortest_path` does.
     """
-    feasible, cell_size = checked_map(feasible, "feasible", "b", GRAPH_BYTES), checked_cell_size(cell_size)
+    feasible, cell_size = (
+        checked_map(feasible, "feasible", "b", GRAPH_BYTES),
+        checked_cell_size(cell_size),
+    )
     goal = as_cell(goal, "goal")
     target = flat_cell(feasible, goal, "goal")
     if not feasible[goal]:
@@ -129,30 +159,38 @@ def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np
 
     Returns
     -------
-    Metres, shape ``(S, 8, X, Y)``; +inf for moves into and from cells from which the goal cannot be reached.
+    Metres, shape ``(S, 8, X, Y)``; +inf for moves into and from cells from which the goal cannot be
+    reached.
     """
     columns, rows = to_go.shape[1:]
     padded = np.pad(to_go, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    ahead = np.stack([padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1)
+    ahead = np.stack(
+        [padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1
+    )
     length = MOVE_LENGTHS[:, None, None] * cell_size
     return ahead + length - np.where(np.isfinite(to_go), to_go, -np.inf)[:, None]
 
 
 def optimal_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np.bool_]:
-    """Which moves from each cell begin a shortest path; the arguments are those of `detours_of_moves`.
+    """Which moves from each cell begin a shortest path; the arguments are those of
+    `detours_of_moves`.
 
     Returns
     -------
     Shape ``(S, 8, X, Y)``; no move where the goal cannot be reached, nor at the goal.
     """
-    return detours_of_moves(to_go, cell_size) <= np.where(np.isfinite(to_go), to_go, 0.0)[:, None] * _TIE
+    return (
+        detours_of_moves(to_go, cell_size)
+        <= np.where(np.isfinite(to_go), to_go, 0.0)[:, None] * _TIE
+    )
 
 
 def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cell) -> float:
-    """The highest target in dB at which start and goal are connected, exactly: the widest path's bottleneck.
+    """The highest target in dB at which start and goal are connected, exactly: the widest path's
+    bottleneck.
 
-    The widest path runs in the maximum spanning tree of the free cells. Returns -inf where no path exists at any
-    target.
+    The widest path runs in the maximum spanning tree of the free cells. Returns -inf where no path
+    exists at any target.
 
     Parameters
     ----------
@@ -167,11 +205,14 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     start, goal = as_cell(start, "start"), as_cell(goal, "goal")
     source, target = flat_cell(gain_db, start, "start"), flat_cell(gain_db, goal, "goal")
-    # The tree is grown on ranks, 1 for the highest gain: positive weights whose order is that of the gains.
+    # The tree is grown on ranks, 1 for the highest gain: positive weights whose order is that of
+    # the gains.
     levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)
     rows, second, _ = edges(np.isfinite(gain_db))
     cost = np.maximum(np.repeat(rank, np.diff(rows)), rank[second]) + 1.0
-    tree = minimum_spanning_tree(csr_array((cost, second, rows), shape=(gain_db.size,) * 2), overwrite=True)
+    tree = minimum_spanning_tree(
+        csr_array((cost, second, rows), shape=(gain_db.size,) * 2), overwrite=True
+    )
     _, before = breadth_first_order(tree, source, directed=False)
     cell, widest = target, rank[target]
     while cell != source:
@@ -183,7 +224,9 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
 
 
 def largest_component(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The largest set of free cells that are all connected, shape ``(X, Y)``; the first of several as large."""
+    """The largest set of free cells that are all connected, shape ``(X, Y)``; the first of several
+    as large.
+    """
     _, labels = connected_components(_graph(free), directed=False)
     sizes = np.bincount(labels, weights=free.ravel())
     largest: NDArray[np.bool_] = labels == np.argmax(sizes)
@@ -191,10 +234,16 @@ def largest_component(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def infeasible(gain_db: NDArray[np.float64], start: Cell, goal: Cell, target_db: float) -> str:
-    """What to say of a target at which start and goal are not connected: it names the highest that is feasible."""
+    """What to say of a target at which start and goal are not connected: it names the highest that
+    is feasible.
+    """
     highest = highest_feasible_target(gain_db, start, goal)
     # rounded down, so that the number is feasible when typed in
-    advice = "no target is" if highest == -np.inf else f"the highest feasible target is {floor(highest * 1e4) / 1e4} dB"
+    advice = (
+        "no target is"
+        if highest == -np.inf
+        else f"the highest feasible target is {floor(highest * 1e4) / 1e4} dB"
+    )
     return f"target_db={target_db} is infeasible from {start} to {goal}: {advice}"
 
 
@@ -212,7 +261,8 @@ def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
     Returns
     -------
     rows
-        Shape ``(X * Y + 1,)``: the moves out of cell n are those from ``rows[n]`` to before ``rows[n + 1]``.
+        Shape ``(X * Y + 1,)``: the moves out of cell n are those from ``rows[n]`` to before
+        ``rows[n + 1]``.
     cells
         The cell that each move leads to.
     moves

@@ -18,16 +18,22 @@ except ModuleNotFoundError:  # an optional extra
 _CELL_BYTES = 2000  # for each cell: a square, joined with the others
 _SIGHT_BYTES = 100  # gone over for each pair of corners
 
-Points = NDArray[np.int64]  # (n, 2), in half cells from the map's lower left corner, so that all are whole numbers
+Points = NDArray[
+    np.int64
+]  # (n, 2), in half cells from the map's lower left corner, so that all are whole numbers
 
 
-def straight_line_bound(feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_size: float) -> float:
-    """Length in metres of the shortest path of any shape, from centre to centre, inside the feasible cells.
+def straight_line_bound(
+    feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_size: float
+) -> float:
+    """Length in metres of the shortest path of any shape, from centre to centre, inside the
+    feasible cells.
 
-    Cells are closed squares: the path may run along their borders, and pass between two that touch at a corner
-    only, as the paper's moves do. It is never longer than the oracle's, and the straight line where nothing is in
-    the way. Such a path bends at corners of the infeasible area only, so it is the shortest one in the visibility
-    graph of those corners. Needs shapely (``pip install "irs_gym[geometry]"``).
+    Cells are closed squares: the path may run along their borders, and pass between two that touch
+    at a corner only, as the paper's moves do. It is never longer than the oracle's, and the
+    straight line where nothing is in the way. Such a path bends at corners of the infeasible area
+    only, so it is the shortest one in the visibility graph of those corners. Needs shapely (``pip
+    install "irs_gym[geometry]"``).
 
     Parameters
     ----------
@@ -45,30 +51,42 @@ def straight_line_bound(feasible: NDArray[np.bool_], start: Cell, goal: Cell, ce
     Raises
     ------
     ValueError
-        As `irs_gym.oracle.shortest_path.shortest_path`, and where the map has more corners than can be searched.
+        As `irs_gym.oracle.shortest_path.shortest_path`, and where the map has more corners than can
+        be searched.
     ModuleNotFoundError
         Where shapely is not installed.
     """
     if shapely is None:
-        raise ModuleNotFoundError('straight_line_bound needs shapely: pip install "irs_gym[geometry]"')
-    feasible, cell_size = checked_map(feasible, "feasible", "b", _CELL_BYTES), checked_cell_size(cell_size)
+        raise ModuleNotFoundError(
+            'straight_line_bound needs shapely: pip install "irs_gym[geometry]"'
+        )
+    feasible, cell_size = (
+        checked_map(feasible, "feasible", "b", _CELL_BYTES),
+        checked_cell_size(cell_size),
+    )
     start, goal = as_cell(start, "start"), as_cell(goal, "goal")
     path = shortest_path(feasible, start, goal, 1.0)
     if path is None:
         return inf
     corners, slopes = _corners(feasible)
-    check_memory(f"feasible: lines of sight between {len(corners)} corners", 0, _SIGHT_BYTES * len(corners) ** 2)
+    check_memory(
+        f"feasible: lines of sight between {len(corners)} corners",
+        0,
+        _SIGHT_BYTES * len(corners) ** 2,
+    )
     points = np.concatenate([2 * np.array([start, goal]) + 1, corners])
     bound = _search(points, np.append([0, 0], slopes), _area(feasible), 2 * path.distance) / 2
     return min(bound, path.distance) * cell_size  # equal lengths may be rounded differently
 
 
 def _corners(feasible: NDArray[np.bool_]) -> tuple[Points, NDArray[np.int64]]:
-    """Points where a shortest path may bend, ``(n, 2)``, and the sign of the slopes dy/dx that it may have there.
+    """Points where a shortest path may bend, ``(n, 2)``, and the sign of the slopes dy/dx that it
+    may have there.
 
-    Of the four cells around such a point, the infeasible ones lie on one diagonal: one of them at a reflex corner,
-    two where feasible cells touch at a corner only. A taut path neither enters them nor could be pulled straight, so
-    its pieces run in the quadrants of the other diagonal, both on their way in and out.
+    Of the four cells around such a point, the infeasible ones lie on one diagonal: one of them at a
+    reflex corner, two where feasible cells touch at a corner only. A taut path neither enters them
+    nor could be pulled straight, so its pieces run in the quadrants of the other diagonal, both on
+    their way in and out.
     """
     blocked = np.pad(~feasible, 1, constant_values=True)
     south_west, south_east = blocked[:-1, :-1], blocked[1:, :-1]
@@ -79,18 +97,23 @@ def _corners(feasible: NDArray[np.bool_]) -> tuple[Points, NDArray[np.int64]]:
 
 
 def _area(feasible: NDArray[np.bool_]) -> Any:
-    """The feasible cells as one polygon, grown by so little that it takes in its border and no new line of sight.
+    """The feasible cells as one polygon, grown by so little that it takes in its border and no new
+    line of sight.
 
-    A segment between whole points passes a whole point that it misses at 1/length or more, far beyond this growth.
+    A segment between whole points passes a whole point that it misses at 1/length or more, far
+    beyond this growth.
     """
     low = 2 * np.argwhere(feasible)
-    area = shapely.coverage_union_all(shapely.box(*low.T, *(low + 2).T)).buffer(1e-7, join_style="mitre")
+    area = shapely.coverage_union_all(shapely.box(*low.T, *(low + 2).T)).buffer(
+        1e-7, join_style="mitre"
+    )
     shapely.prepare(area)
     return area
 
 
 def _search(points: Points, slopes: NDArray[np.int64], area: Any, longest: float) -> float:
-    """Length of the shortest way from the first point to the second along lines of sight, by the A* algorithm.
+    """Length of the shortest way from the first point to the second along lines of sight, by the A*
+    algorithm.
 
     Lines of sight are tested only where they may lie on a taut path no longer than ``longest``.
     """
@@ -105,7 +128,9 @@ def _search(points: Points, slopes: NDArray[np.int64], area: Any, longest: float
         is_taut = (slope * slopes >= 0) & (slope * slopes[here] >= 0)
         is_short = (length < reached) & (length + to_goal <= longest * (1 + 1e-12))
         ahead = np.flatnonzero(is_open & is_taut & is_short)
-        sights = shapely.linestrings(np.stack([np.broadcast_to(points[here], (len(ahead), 2)), points[ahead]], axis=1))
+        sights = shapely.linestrings(
+            np.stack([np.broadcast_to(points[here], (len(ahead), 2)), points[ahead]], axis=1)
+        )
         ahead = ahead[shapely.contains_properly(area, sights)]
         reached[ahead] = length[ahead]
     return float(reached[1])

@@ -1,4 +1,6 @@
-"""`trade_off`: the shortest distance between two cells as a function of the target, every step of it exact."""
+"""`trade_off`: the shortest distance between two cells as a function of the target, every step of
+it exact.
+"""
 
 from bisect import bisect_left
 from dataclasses import dataclass
@@ -23,11 +25,12 @@ class TradeOff:
     Attributes
     ----------
     targets_db
-        float64, shape ``(S,)``, rising: the highest target at which each distance can still be had. The last one is
-        the highest feasible target; there is none where start and goal are never connected.
+        float64, shape ``(S,)``, rising: the highest target at which each distance can still be had.
+        The last one is the highest feasible target; there is none where start and goal are never
+        connected.
     distances
-        float64, shape ``(S,)``, rising, in metres: the shortest distance for targets above the one before, up to and
-        with the one at its place.
+        float64, shape ``(S,)``, rising, in metres: the shortest distance for targets above the one
+        before, up to and with the one at its place.
     dijkstra_runs
         Runs of Dijkstra's algorithm that it took: one a step, and a last one that finds no path.
     """
@@ -40,7 +43,8 @@ class TradeOff:
         freeze(self.targets_db, self.distances)
 
     def distance_at(self, target_db: ArrayLike) -> NDArray[np.float64]:
-        """Shortest distance in metres at any targets, same shape; +inf above the highest feasible one.
+        """Shortest distance in metres at any targets, same shape; +inf above the highest feasible
+        one.
 
         Raises ``ValueError`` where a target is no number.
         """
@@ -52,12 +56,13 @@ class TradeOff:
 
 
 def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: float) -> TradeOff:
-    """The whole trade-off between the target and the shortest distance (the paper's Fig. 5), exactly.
+    """The whole trade-off between the target and the shortest distance (the paper's Fig. 5),
+    exactly.
 
-    All shortest paths at one target make a directed graph, read off the distances to the goal. The distance stays
-    the same up to the bottleneck of the widest path in it, which a bisection over its gains finds; the next higher
-    target needs a new run of Dijkstra's algorithm. So there is one run a step, where trying every gain of the map
-    takes as many as there are cells.
+    All shortest paths at one target make a directed graph, read off the distances to the goal. The
+    distance stays the same up to the bottleneck of the widest path in it, which a bisection over
+    its gains finds; the next higher target needs a new run of Dijkstra's algorithm. So there is one
+    run a step, where trying every gain of the map takes as many as there are cells.
 
     Parameters
     ----------
@@ -71,12 +76,14 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     Raises
     ------
     ValueError
-        Where ``gain_db`` is no map of numbers without NaN and +inf or one of too many cells for exact sums, an end no
-        cell of it, or ``cell_size`` not positive.
+        Where ``gain_db`` is no map of numbers without NaN and +inf or one of too many cells for
+        exact sums, an end no cell of it, or ``cell_size`` not positive.
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     if gain_db.size > _MOST_CELLS:
-        raise ValueError(f"gain_db has {gain_db.size} cells, and lengths are exact on maps up to {_MOST_CELLS}")
+        raise ValueError(
+            f"gain_db has {gain_db.size} cells, and lengths are exact on maps up to {_MOST_CELLS}"
+        )
     cell_size = checked_cell_size(cell_size)
     start, goal = as_cell(start, "start"), as_cell(goal, "goal")
     source, sink = flat_cell(gain_db, start, "start"), flat_cell(gain_db, goal, "goal")
@@ -95,16 +102,18 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     return TradeOff(np.array(targets_db), np.array(distances), runs)
 
 
-# --- exact lengths ----------------------------------------------------------------------------------------------
+# --- exact lengths --------------------------------------------------------------------------------
 
 
 def _whole_lengths(cells: int) -> tuple[int, int]:
-    """Whole numbers (q, p) that stand for the lengths 1 and sqrt(2) of the moves on a map of so many cells.
+    """Whole numbers (q, p) that stand for the lengths 1 and sqrt(2) of the moves on a map of so
+    many cells.
 
-    With them, the lengths of two paths are equal or in order exactly as the true ones are. p/q is a convergent of
-    sqrt(2), so q sqrt(2) is within 1/(2q) of p; q > 2 cells, so a difference a + b sqrt(2) of two lengths has
-    abs(b) < q/2. If it is not 0, it is at least 1 / (abs(a) + abs(b) sqrt(2)), and a q + b p less than 1/4 away from
-    q times that, which is more. Sums are exact in float64 up to 2**53: enough for 36 million cells.
+    With them, the lengths of two paths are equal or in order exactly as the true ones are. p/q is a
+    convergent of sqrt(2), so q sqrt(2) is within 1/(2q) of p; q > 2 cells, so a difference a + b
+    sqrt(2) of two lengths has abs(b) < q/2. If it is not 0, it is at least 1 / (abs(a) + abs(b)
+    sqrt(2)), and a q + b p less than 1/4 away from q times that, which is more. Sums are exact in
+    float64 up to 2**53: enough for 36 million cells.
     """
     q, p = 1, 1
     while q <= 2 * cells:
@@ -120,14 +129,16 @@ def _true_length(whole: float, cells: int) -> float:
 
 
 def _distances_to_go(free: NDArray[np.bool_], sink: int) -> tuple[NDArray[np.float64], csr_array]:
-    """Whole lengths of the shortest paths to the goal, shape ``(X * Y,)``, and the graph of all moves."""
+    """Whole lengths of the shortest paths to the goal, shape ``(X * Y,)``, and the graph of all
+    moves.
+    """
     rows, cells, moves = edges(free)
     lengths = np.where(MOVE_LENGTHS == 1, *_whole_lengths(free.size)).astype(np.float64)
     graph = csr_array((lengths[moves], cells, rows), shape=(free.size, free.size))
     return dijkstra(graph, indices=sink), graph
 
 
-# --- the widest of all shortest paths ---------------------------------------------------------------------------
+# --- the widest of all shortest paths -------------------------------------------------------------
 
 
 def _shortest_paths(graph: csr_array, to_go: NDArray[np.float64]) -> tuple[Integers, Integers]:
@@ -138,7 +149,9 @@ def _shortest_paths(graph: csr_array, to_go: NDArray[np.float64]) -> tuple[Integ
     return first[is_shortest], graph.indices[is_shortest]
 
 
-def _bottleneck(moves: tuple[Integers, Integers], gain: NDArray[np.float64], source: int, sink: int) -> float:
+def _bottleneck(
+    moves: tuple[Integers, Integers], gain: NDArray[np.float64], source: int, sink: int
+) -> float:
     """The highest gain that some path along ``moves`` keeps from source to sink."""
     first, second = moves
     width = np.minimum(gain[first], gain[second])

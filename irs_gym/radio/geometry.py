@@ -1,4 +1,6 @@
-"""Axis-aligned boxes in three dimensions: which points they hold and which line segments they block."""
+"""Axis-aligned boxes in three dimensions: which points they hold and which line segments they
+block.
+"""
 
 from dataclasses import dataclass
 
@@ -17,18 +19,24 @@ class Boxes:
 
 
 def is_in_footprint(points: NDArray[np.float64], boxes: Boxes) -> NDArray[np.bool_]:
-    """Whether points ``(..., 2)`` in metres lie strictly inside the floor area of any box; shape ``(...)``."""
+    """Whether points ``(..., 2)`` in metres lie strictly inside the floor area of any box; shape
+    ``(...)``.
+    """
     inside = np.zeros(points.shape[:-1], dtype=bool)
     for low, high in zip(boxes.lower, boxes.upper, strict=True):
         inside |= np.all((points > low[:2] + TOUCH) & (points < high[:2] - TOUCH), axis=-1)
     return inside
 
 
-def is_line_of_sight(points: NDArray[np.float64], target: ArrayLike, boxes: Boxes) -> NDArray[np.bool_]:
-    """Whether the straight segments from ``points`` ``(..., 3)`` to one ``target`` ``(3,)`` miss every box.
+def is_line_of_sight(
+    points: NDArray[np.float64], target: ArrayLike, boxes: Boxes
+) -> NDArray[np.bool_]:
+    """Whether the straight segments from ``points`` ``(..., 3)`` to one ``target`` ``(3,)`` miss
+    every box.
 
-    Slab method: a segment is blocked where its chord through an open box is longer than `TOUCH` times the
-    segment. A ray that only grazes a face, an edge or a corner is not blocked. Returns shape ``(...)``.
+    Slab method: a segment is blocked where its chord through an open box is longer than `TOUCH`
+    times the segment. A ray that only grazes a face, an edge or a corner is not blocked. Returns
+    shape ``(...)``.
     """
     direction = np.asarray(target, dtype=np.float64) - points
     clear = np.ones(points.shape[:-1], dtype=bool)

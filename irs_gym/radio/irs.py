@@ -1,4 +1,6 @@
-"""The IRS: cascaded channels of its sub-surfaces, their phase shifts, and the expected channel gain they give."""
+"""The IRS: cascaded channels of its sub-surfaces, their phase shifts, and the expected channel gain
+they give.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,8 +14,9 @@ from irs_gym.radio.propagation import Link, link
 from irs_gym.radio.scene import AccessPoint, IrsPanel, Scene
 from irs_gym.units import Floats, wavelength_m
 
-# Of the formulas in `geometry`, `propagation` and this module. Whoever changes a gain or a phase shift of any scene by
-# more than rounding raises it: maps that were cached before are then built anew.
+# Of the formulas in `geometry`, `propagation` and this module. Whoever changes a gain or a phase
+# shift of any scene by more than rounding raises it: maps that were cached before are then built
+# anew.
 PHYSICS_VERSION = 1
 
 Complexes = NDArray[np.complex128]
@@ -30,12 +33,12 @@ class Hardware:
     phase_bits
         Resolution b of the phase shifters, L = 2**b levels; None for continuous phases.
     quantiser
-        ``"nearest"`` level on the circle; ``"as_printed"``: nearest on [0, 2 pi) without the wrap, the letter of
-        the paper's eq. (20); ``"optimal"``: the levels of the largest channel gain. Without effect for
-        continuous phases.
+        ``"nearest"`` level on the circle; ``"as_printed"``: nearest on [0, 2 pi) without the wrap,
+        the letter of the paper's eq. (20); ``"optimal"``: the levels of the largest channel gain.
+        Without effect for continuous phases.
     array_model
-        ``"far_field"``: plane waves over the whole panel; ``"coherent"``: all elements of a sub-surface share the
-        phase of its centre; ``"spherical"``: exact element distances.
+        ``"far_field"``: plane waves over the whole panel; ``"coherent"``: all elements of a
+        sub-surface share the phase of its centre; ``"spherical"``: exact element distances.
     """
 
     phase_bits: int | None = None
@@ -47,10 +50,16 @@ class Hardware:
         if bits is not None and (
             isinstance(bits, bool) or not isinstance(bits, int | np.integer) or not 1 <= bits <= 16
         ):
-            raise ValueError(f"phase_bits={bits!r} must be an integer from 1 to 16, or None for continuous phases")
+            raise ValueError(
+                f"phase_bits={bits!r} must be an integer from 1 to 16, or None for continuous phases"
+            )
         for field, names in (("quantiser", Quantiser), ("array_model", ArrayModel)):
-            if not isinstance(getattr(self, field), str) or getattr(self, field) not in get_args(names):
-                raise ValueError(f"{field}={getattr(self, field)!r} must be one of {get_args(names)}")
+            if not isinstance(getattr(self, field), str) or getattr(self, field) not in get_args(
+                names
+            ):
+                raise ValueError(
+                    f"{field}={getattr(self, field)!r} must be one of {get_args(names)}"
+                )
 
     @property
     def levels(self) -> int | None:
@@ -58,11 +67,13 @@ class Hardware:
         return None if self.phase_bits is None else 2**self.phase_bits
 
 
-# --- the array: unit-amplitude cascaded channels summed over the elements of each sub-surface -----------------
+# --- the array: unit-amplitude cascaded channels summed over the elements of each sub-surface -----
 
 
 def element_offsets(count: int, pitch_m: float) -> Floats:
-    """Places of ``count`` elements along one axis, symmetric about the centre: (i - (n-1)/2) pitch, in metres."""
+    """Places of ``count`` elements along one axis, symmetric about the centre: (i - (n-1)/2) pitch,
+    in metres.
+    """
     return np.asarray((np.arange(count) - (count - 1) / 2) * pitch_m)
 
 
@@ -93,7 +104,9 @@ class Cascade:
         return self.panel.pitch_wavelengths * 2 * np.pi / self.wavenumber
 
     def phase_steps(self) -> tuple[Floats, Floats]:
-        """Phase from one element to the next along the wall and along z, each ``(n,)``: k pitch (u_IM + u_IA).e."""
+        """Phase from one element to the next along the wall and along z, each ``(n,)``: k pitch
+        (u_IM + u_IA).e.
+        """
         both = self.robot_link.direction + self.ap_link.direction
         step = self.wavenumber * self.pitch_m
         return step * (both @ self.panel.along_wall), step * both[:, 2]
@@ -108,36 +121,57 @@ def _plane_wave(cascade: Cascade, kernel: Floats) -> Complexes:
     rows = np.exp(1j * up[:, None] * element_offsets(panel.rows, per_row))
     travelled = cascade.robot_link.distance_m + cascade.ap_link.distance_m
     common = kernel * np.exp(-1j * cascade.wavenumber * travelled)
-    return np.asarray((columns[:, :, None] * (common[:, None] * rows)[:, None, :]).reshape(len(travelled), -1))
+    return np.asarray(
+        (columns[:, :, None] * (common[:, None] * rows)[:, None, :]).reshape(len(travelled), -1)
+    )
 
 
 def _far_field_kernel(cascade: Cascade) -> Floats:
-    """Sum over a sub-surface's elements relative to its centre: one Dirichlet kernel along each axis, ``(n,)``."""
+    """Sum over a sub-surface's elements relative to its centre: one Dirichlet kernel along each
+    axis, ``(n,)``.
+    """
     steps, counts = cascade.phase_steps(), cascade.panel.elements_per_subsurface
-    return np.asarray(np.prod([n * diric(step, n) for step, n in zip(steps, counts, strict=True)], axis=0))
+    return np.asarray(
+        np.prod([n * diric(step, n) for step, n in zip(steps, counts, strict=True)], axis=0)
+    )
 
 
 def _coherent_kernel(cascade: Cascade) -> Floats:
-    return np.full(cascade.robot_link.distance_m.shape, float(np.prod(cascade.panel.elements_per_subsurface)))
+    return np.full(
+        cascade.robot_link.distance_m.shape, float(np.prod(cascade.panel.elements_per_subsurface))
+    )
 
 
 def _spherical(cascade: Cascade) -> Complexes:
     """Sub-surface sums with the exact distance of every element to both ends."""
     panel, pitch = cascade.panel, cascade.pitch_m
-    (per_column, per_row), (columns, rows) = panel.elements_per_subsurface, (panel.columns, panel.rows)
+    (per_column, per_row), (columns, rows) = (
+        panel.elements_per_subsurface,
+        (panel.columns, panel.rows),
+    )
     along = element_offsets(columns * per_column, pitch)[:, None, None] * panel.along_wall
     up = element_offsets(rows * per_row, pitch)[None, :, None] * np.array([0.0, 0.0, 1.0])
     elements = (along + up).reshape(-1, 3)
     travelled = _distances(cascade.robot_link, elements) + _distances(cascade.ap_link, elements)
     waves = np.exp(-1j * cascade.wavenumber * travelled)
-    return np.asarray(waves.reshape(-1, columns, per_column, rows, per_row).sum(axis=(2, 4)).reshape(len(waves), -1))
+    return np.asarray(
+        waves.reshape(-1, columns, per_column, rows, per_row)
+        .sum(axis=(2, 4))
+        .reshape(len(waves), -1)
+    )
 
 
 def _distances(ends: Link, elements: Floats) -> Floats:
-    """Distances from ends ``(...)`` to element offsets ``(M, 3)`` about the panel's centre, shape ``(..., M)``."""
+    """Distances from ends ``(...)`` to element offsets ``(M, 3)`` about the panel's centre, shape
+    ``(..., M)``.
+    """
     # |p - e|^2 expanded: no array of ends x elements x 3
     along = (ends.direction * ends.distance_m[..., None]) @ elements.T
-    return np.asarray(np.sqrt(ends.distance_m[..., None] ** 2 - 2 * along + np.einsum("mk,mk->m", elements, elements)))
+    return np.asarray(
+        np.sqrt(
+            ends.distance_m[..., None] ** 2 - 2 * along + np.einsum("mk,mk->m", elements, elements)
+        )
+    )
 
 
 _ARRAYS: dict[str, Callable[[Cascade], Complexes]] = {
@@ -146,21 +180,23 @@ _ARRAYS: dict[str, Callable[[Cascade], Complexes]] = {
     "spherical": _spherical,
 }
 _MAGNITUDES: dict[str, Callable[[Cascade], Floats]] = {
-    # Plane waves: all sub-surfaces have the same magnitude, so their sum needs no array of positions x sub-surfaces.
+    # Plane waves: all sub-surfaces have the same magnitude, so their sum needs no array of
+    # positions x sub-surfaces.
     "far_field": lambda cascade: cascade.panel.subsurfaces * np.abs(_far_field_kernel(cascade)),
     "coherent": lambda cascade: cascade.panel.subsurfaces * _coherent_kernel(cascade),
     "spherical": lambda cascade: np.abs(_spherical(cascade)).sum(axis=1),
 }
 
 
-# --- phase shifts -----------------------------------------------------------------------------------------------
+# --- phase shifts ---------------------------------------------------------------------------------
 
 
 def continuous_phases(direct: Complexes, reflected: Complexes) -> Floats:
-    """Optimal continuous phase shifts, eq. (14): angle(h) - angle(w_n), in [0, 2 pi), shape ``(n, N)``.
+    """Optimal continuous phase shifts, eq. (14): angle(h) - angle(w_n), in [0, 2 pi), shape ``(n,
+    N)``.
 
-    ``direct`` h has shape ``(n,)``, ``reflected`` w ``(n, N)``. The angle of 0 is 0: a blocked panel's sub-surfaces
-    all hold the phase of h, and where h = 0 the reference phase is 0.
+    ``direct`` h has shape ``(n,)``, ``reflected`` w ``(n, N)``. The angle of 0 is 0: a blocked
+    panel's sub-surfaces all hold the phase of h, and where h = 0 the reference phase is 0.
     """
     return np.mod(_angle(direct)[:, None] - _angle(reflected), 2 * np.pi)
 
@@ -185,8 +221,9 @@ def as_printed_phases(direct: Complexes, reflected: Complexes, levels: int) -> F
 def optimal_phases(direct: Complexes, reflected: Complexes, levels: int) -> Floats:
     """Levels that maximise abs(h + sum_n w_n exp(j theta_n)) exactly, in O(N log N) a position.
 
-    At the optimum the total lies within delta/2 of the phase of h. Sweeping the reference phase over that interval
-    switches every sub-surface exactly once, so one of N + 1 settings is optimal (arXiv 2211.04704, 2211.04167).
+    At the optimum the total lies within delta/2 of the phase of h. Sweeping the reference phase
+    over that interval switches every sub-surface exactly once, so one of N + 1 settings is optimal
+    (arXiv 2211.04704, 2211.04167).
     """
     delta = 2 * np.pi / levels
     start = _angle(direct)[:, None] - delta / 2 - _angle(reflected)
@@ -195,9 +232,12 @@ def optimal_phases(direct: Complexes, reflected: Complexes, levels: int) -> Floa
     first = reflected * np.exp(1j * delta * step)
     order = np.argsort(switch, axis=1)
     change = np.take_along_axis(first, order, axis=1) * (np.exp(1j * delta) - 1)
-    total = (direct + first.sum(axis=1))[:, None] + np.pad(np.cumsum(change, axis=1), ((0, 0), (1, 0)))
+    total = (direct + first.sum(axis=1))[:, None] + np.pad(
+        np.cumsum(change, axis=1), ((0, 0), (1, 0))
+    )
     switched = np.argsort(order, axis=1) < np.argmax(np.abs(total), axis=1)[:, None]
-    # A sub-surface that reflects nothing is optimal at any level: it holds the one nearest to eq. (14).
+    # A sub-surface that reflects nothing is optimal at any level: it holds the one nearest to eq.
+    # (14).
     chosen = np.where(reflected == 0, np.rint(start / delta + 0.5), step + switched)
     return np.asarray(np.mod(chosen, levels) * delta)
 
@@ -209,7 +249,7 @@ _QUANTISERS: dict[str, Callable[[Complexes, Complexes, int], Floats]] = {
 }
 
 
-# --- expected gain ----------------------------------------------------------------------------------------------
+# --- expected gain --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -226,9 +266,15 @@ class Channel:
         return np.asarray(self.direct.los_amplitude * np.exp(1j * self.direct_phase))
 
     def reflected_los(self, array_model: ArrayModel) -> Complexes:
-        """w of eq. (7), shape ``(n, N)``: sub-surfaces of all panels, panel after panel, column after column."""
+        """w of eq. (7), shape ``(n, N)``: sub-surfaces of all panels, panel after panel, column
+        after column.
+        """
         sums = [c.amplitude[:, None] * _ARRAYS[array_model](c) for c in self.cascades]
-        return np.concatenate(sums, axis=1) if sums else np.zeros((len(self.direct_phase), 0), dtype=complex)
+        return (
+            np.concatenate(sums, axis=1)
+            if sums
+            else np.zeros((len(self.direct_phase), 0), dtype=complex)
+        )
 
     def scattered_power(self) -> Floats:
         """Tau of Lemma 1, shape ``(n,)``."""
@@ -244,7 +290,8 @@ class Channel:
     def expected_gain(self, hardware: Hardware) -> Floats:
         """E[abs(c)^2] for the chosen phase shifts, linear, shape ``(n,)``.
 
-        Lemma 1 as corrected by Appendix A, for any number of panels p whose scattered parts are independent:
+        Lemma 1 as corrected by Appendix A, for any number of panels p whose scattered parts are
+        independent:
 
             lambda = abs(h + sum_p w_p^T theta_p)^2 + tau,
             tau    = eta_AM + sum_p eta_AI,p eta_IM,p (K_IM,p + K_AI,p + 1) M_p.
@@ -255,7 +302,9 @@ class Channel:
             sums = [c.amplitude * _MAGNITUDES[hardware.array_model](c) for c in self.cascades]
             magnitude = self.direct.los_amplitude + sum(sums)
         else:
-            turned = self.reflected_los(hardware.array_model) * np.exp(1j * self.phase_shifts(hardware))
+            turned = self.reflected_los(hardware.array_model) * np.exp(
+                1j * self.phase_shifts(hardware)
+            )
             magnitude = np.abs(self.direct_los + turned.sum(axis=1))
         return np.asarray(magnitude**2 + self.scattered_power())
 

@@ -10,7 +10,9 @@ from irs_gym.radio.scene import PathLoss, Scene
 from irs_gym.units import Floats, db_to_linear
 
 
-def path_loss_db(distance_m: ArrayLike, is_clear: NDArray[np.bool_], path_loss: PathLoss, carrier_ghz: float) -> Floats:
+def path_loss_db(
+    distance_m: ArrayLike, is_clear: NDArray[np.bool_], path_loss: PathLoss, carrier_ghz: float
+) -> Floats:
     """Path loss in dB, eqs. (18) and (19) of the paper (3GPP TR 38.901, InF-SH in its scene).
 
     Without line of sight it is never less than with it.
@@ -31,9 +33,9 @@ def path_loss_db(distance_m: ArrayLike, is_clear: NDArray[np.bool_], path_loss: 
 class Link:
     """The moments of Rician links, each array of the same shape.
 
-    With path gain L (linear) and Rician factor K (0 without line of sight), the channel has the deterministic
-    amplitude ``los_amplitude`` = sqrt(eta K) and scattered entries of mean power ``scattered_power`` = eta, where
-    eta = L / (K + 1) (Lemma 1).
+    With path gain L (linear) and Rician factor K (0 without line of sight), the channel has the
+    deterministic amplitude ``los_amplitude`` = sqrt(eta K) and scattered entries of mean power
+    ``scattered_power`` = eta, where eta = L / (K + 1) (Lemma 1).
     """
 
     distance_m: Floats
@@ -58,13 +60,15 @@ def link(scene: Scene, points: NDArray[np.float64], end: ArrayLike) -> Link:
     Raises
     ------
     ValueError
-        Where a point coincides with the end, as the path loss model knows no distance of 0, or is so near to it that
-        path loss would be a gain.
+        Where a point coincides with the end, as the path loss model knows no distance of 0, or is
+        so near to it that path loss would be a gain.
     """
     offset = points - np.asarray(end, dtype=np.float64)
     distance = np.sqrt(np.einsum("...k,...k->...", offset, offset))
     if not distance.all():
-        raise ValueError(f"an antenna at {tuple(np.asarray(end).tolist())} m coincides with the centre of a cell")
+        raise ValueError(
+            f"an antenna at {tuple(np.asarray(end).tolist())} m coincides with the centre of a cell"
+        )
     is_clear = is_line_of_sight(points, end, scene.boxes)
     loss_db = path_loss_db(distance, is_clear, scene.path_loss, scene.carrier_ghz)
     if not np.all(loss_db >= 0):

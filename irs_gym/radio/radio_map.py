@@ -1,4 +1,6 @@
-"""`RadioMap`: the expected channel gain of every floor cell, built from a scene, from an array or from a file."""
+"""`RadioMap`: the expected channel gain of every floor cell, built from a scene, from an array or
+from a file.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -18,7 +20,9 @@ from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser, channel
 from irs_gym.radio.scene import Scene, load_scene
 from irs_gym.units import Floats, linear_to_db
 
-_BLOCK = 2**20  # complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
+_BLOCK = (
+    2**20
+)  # complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
 _ENTRY_BYTES = 160  # for each of them, at the most
 _CELL_BYTES = 64  # for each cell of a map that is built
 _LINK_BYTES = 400  # gone over for each cell and box in the way, for each link
@@ -31,13 +35,13 @@ class RadioMap:
     Attributes
     ----------
     gain_db
-        float64, shape ``(X, Y)``, read-only: expected channel gain in dB of the cell ``[i, j]``; -inf where a robot
-        cannot be (obstacles) or nothing is received.
+        float64, shape ``(X, Y)``, read-only: expected channel gain in dB of the cell ``[i, j]``;
+        -inf where a robot cannot be (obstacles) or nothing is received.
     grid
         The cells.
     free
-        Bool, shape ``(X, Y)``, read-only: the cells that a robot can enter, whatever the target. By default those where
-        anything is received.
+        Bool, shape ``(X, Y)``, read-only: the cells that a robot can enter, whatever the target. By
+        default those where anything is received.
     """
 
     gain_db: NDArray[np.float64]
@@ -77,12 +81,14 @@ class RadioMap:
         origin
             Lower left corner of the floor in metres.
         free
-            Bool, shape ``(X, Y)``: the cells that a robot can enter, where some of them receive nothing.
+            Bool, shape ``(X, Y)``: the cells that a robot can enter, where some of them receive
+            nothing.
 
         Raises
         ------
         ValueError
-            Where the array is not 2-D, real and free of NaN and +inf, or ``cell_size`` is not positive.
+            Where the array is not 2-D, real and free of NaN and +inf, or ``cell_size`` is not
+            positive.
         """
         gain = checked_map(gain_db, "gain_db", "iuf", _CELL_BYTES)
         grid = Grid((gain.shape[0], gain.shape[1]), cell_size, origin)
@@ -91,25 +97,39 @@ class RadioMap:
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> "RadioMap":
         """Map of what `to_data` gives; a ``ValueError`` says what is wrong with it."""
-        if set(data) not in ({"gain_db", "cell_size", "origin"}, {"gain_db", "cell_size", "origin", "free"}):
-            raise ValueError(f"radio_map holds {sorted(map(str, data))}, not gain_db, cell_size and origin")
+        if set(data) not in (
+            {"gain_db", "cell_size", "origin"},
+            {"gain_db", "cell_size", "origin", "free"},
+        ):
+            raise ValueError(
+                f"radio_map holds {sorted(map(str, data))}, not gain_db, cell_size and origin"
+            )
         try:
-            gain_db = [[-np.inf if gain is None else gain for gain in row] for row in data["gain_db"]]
+            gain_db = [
+                [-np.inf if gain is None else gain for gain in row] for row in data["gain_db"]
+            ]
             return cls.from_array(gain_db, data["cell_size"], (*data["origin"],), data.get("free"))
         except (TypeError, ValueError) as error:
             raise ValueError(f"radio_map: {error}") from None
 
     def to_data(self) -> dict[str, Any]:
-        """The map as JSON can hold it: lists ``gain_db``, with None for -inf, and ``origin``; ``cell_size``.
+        """The map as JSON can hold it: lists ``gain_db``, with None for -inf, and ``origin``;
+        ``cell_size``.
 
         ``free`` is among it where a free cell receives nothing.
         """
         data: dict[str, Any] = {
-            "gain_db": [[gain if isfinite(gain) else None for gain in row] for row in self.gain_db.tolist()],
+            "gain_db": [
+                [gain if isfinite(gain) else None for gain in row] for row in self.gain_db.tolist()
+            ],
             "cell_size": float(self.grid.cell_size),
             "origin": [float(metres) for metres in self.grid.origin],
         }
-        return data if (self.free == np.isfinite(self.gain_db)).all() else {**data, "free": self.free.tolist()}
+        return (
+            data
+            if (self.free == np.isfinite(self.gain_db)).all()
+            else {**data, "free": self.free.tolist()}
+        )
 
     def feasible(self, target_db: float) -> NDArray[np.bool_]:
         """The feasible map Pi of eq. (16): cells at or above the target, shape ``(X, Y)``."""
@@ -140,7 +160,8 @@ class RadioMap:
         FileNotFoundError
             Where there is no such file.
         ValueError
-            Where the file is not such a map, or damaged; where it or its map is larger than the memory limit.
+            Where the file is not such a map, or damaged; where it or its map is larger than the
+            memory limit.
         """
         place = as_path(path, "radio_map")
         try:
@@ -149,7 +170,10 @@ class RadioMap:
             if version != 1:
                 raise ValueError(f"its format_version is {version}, and 1 is read here")
             return cls.from_array(
-                arrays["gain_db"], _scalar(arrays, "cell_size"), arrays["origin"].tolist(), arrays.get("free")
+                arrays["gain_db"],
+                _scalar(arrays, "cell_size"),
+                arrays["origin"].tolist(),
+                arrays.get("free"),
             )
         except ValueError as error:
             raise ValueError(f"{str(place)!r} is not a radio map: {error}") from None
@@ -172,15 +196,18 @@ def build_radio_map(
     cell_size
         Edge of a cell in metres; must divide both sides of the room.
     irs_elements
-        Elements on each panel, the paper's M; 0 is its "without IRS". None: as the scene says (1,200 in ``"paper"``).
+        Elements on each panel, the paper's M; 0 is its "without IRS". None: as the scene says
+        (1,200 in ``"paper"``).
     phase_bits, quantiser, array_model
-        See `irs_gym.radio.irs.Hardware`. ``phase_bits=None``: as the scene says (continuous phases in ``"paper"``).
+        See `irs_gym.radio.irs.Hardware`. ``phase_bits=None``: as the scene says (continuous phases
+        in ``"paper"``).
 
     Returns
     -------
     RadioMap
-        With ``gain_db`` of shape ``(X, Y)``, -inf in cells whose centre lies strictly inside an obstacle. With
-        several access points, each cell is served by the one that gives it the highest gain.
+        With ``gain_db`` of shape ``(X, Y)``, -inf in cells whose centre lies strictly inside an
+        obstacle. With several access points, each cell is served by the one that gives it the
+        highest gain.
 
     Raises
     ------
@@ -195,7 +222,10 @@ def build_radio_map(
     _check_work(scene, grid, width)
     gain_db = np.full(grid.shape, -np.inf)
     for cells, positions in _blocks(scene, grid, width):
-        gains = np.max([channel(scene, ap, positions).expected_gain(hardware) for ap in scene.access_points], axis=0)
+        gains = np.max(
+            [channel(scene, ap, positions).expected_gain(hardware) for ap in scene.access_points],
+            axis=0,
+        )
         _check_gains(grid, cells, gains)
         gain_db.flat[cells] = linear_to_db(gains)
     return RadioMap(gain_db, grid=grid)
@@ -211,12 +241,16 @@ def build_phase_shifts(
 ) -> NDArray[np.float32]:
     """The phase shift that each sub-surface holds while the robot is in a cell, in [0, 2 pi).
 
-    Same arguments as `build_radio_map`. Shape ``(X, Y, N)`` with N the sub-surfaces of all panels, panel after
-    panel, column after column; zero in obstacles. With several access points, the phases serve the cell's own.
+    Same arguments as `build_radio_map`. Shape ``(X, Y, N)`` with N the sub-surfaces of all panels,
+    panel after panel, column after column; zero in obstacles. With several access points, the
+    phases serve the cell's own.
     """
     scene = as_scene(scene).with_irs_elements(irs_elements)
     hardware, grid = _hardware(scene, phase_bits, quantiser, array_model), scene.grid(cell_size)
-    subsurfaces, cells_in_all = sum(panel.subsurfaces for panel in scene.irs_panels), grid.shape[0] * grid.shape[1]
+    subsurfaces, cells_in_all = (
+        sum(panel.subsurfaces for panel in scene.irs_panels),
+        grid.shape[0] * grid.shape[1],
+    )
     check_memory(
         f"irs_elements: phase shifts of {subsurfaces} sub-surfaces in {cells_in_all} cells, at cell_size={cell_size},",
         4.0 * subsurfaces * cells_in_all,
@@ -244,12 +278,16 @@ def _scalar(arrays: dict[str, NDArray[Any]], name: str) -> Any:
     return arrays[name].item()
 
 
-def _hardware(scene: Scene, phase_bits: int | None, quantiser: Quantiser, array_model: ArrayModel) -> Hardware:
+def _hardware(
+    scene: Scene, phase_bits: int | None, quantiser: Quantiser, array_model: ArrayModel
+) -> Hardware:
     return Hardware(scene.phase_bits if phase_bits is None else phase_bits, quantiser, array_model)
 
 
 def _width(scene: Scene, hardware: Hardware, *, needs_shifts: bool) -> int:
-    """Complex entries for each cell: elements or sub-surfaces of the largest panel, 0 where sums need no array."""
+    """Complex entries for each cell: elements or sub-surfaces of the largest panel, 0 where sums
+    need no array.
+    """
     is_spherical = hardware.array_model == "spherical"
     if not (is_spherical or needs_shifts or hardware.levels is not None):
         return 0
@@ -257,7 +295,9 @@ def _width(scene: Scene, hardware: Hardware, *, needs_shifts: bool) -> int:
 
 
 def _check_work(scene: Scene, grid: Grid, width: int) -> None:
-    """Refuse a map that would take too much memory or work; the ``ValueError`` names what makes it large."""
+    """Refuse a map that would take too much memory or work; the ``ValueError`` names what makes it
+    large.
+    """
     cells, block = grid.shape[0] * grid.shape[1], max(_BLOCK, width)
     grid.check_memory(_CELL_BYTES)
     links = len(scene.access_points) * (1 + len(scene.irs_panels))

@@ -1,4 +1,6 @@
-"""`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated, loaded and saved."""
+"""`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated,
+loaded and saved.
+"""
 
 import json
 from collections.abc import Mapping
@@ -22,7 +24,8 @@ def _not_tiny(value: float) -> float:
     return value
 
 
-# Beyond these bounds no formula here means anything, and numbers of 64 bits overflow or lose micrometres.
+# Beyond these bounds no formula here means anything, and numbers of 64 bits overflow or lose
+# micrometres.
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 Length = Annotated[float, Field(gt=0, le=1e7)]
 Decibels = Annotated[float, Field(ge=-1000, le=1000)]
@@ -75,7 +78,12 @@ class Room(_Part):
         """Whether a point lies in the room, its walls included."""
         height = point[2] if len(point) == 3 else 0.0
         # a box flush with a wall may end a rounding error behind it
-        over = (self.x_min - point[0], point[0] - self.x_max, self.y_min - point[1], point[1] - self.y_max)
+        over = (
+            self.x_min - point[0],
+            point[0] - self.x_max,
+            self.y_min - point[1],
+            point[1] - self.y_max,
+        )
         return max(*over, -height, height - self.height) <= TOUCH
 
 
@@ -105,8 +113,8 @@ class AccessPoint(_Part):
 class IrsPanel(_Part):
     """A reflecting surface on a wall: columns x rows of sub-surfaces, each of several elements.
 
-    All elements of a sub-surface share one phase shift. Columns run along the wall, rows along z; the panel
-    is centred on `position`.
+    All elements of a sub-surface share one phase shift. Columns run along the wall, rows along z;
+    the panel is centred on `position`.
     """
 
     position: Point3
@@ -147,7 +155,9 @@ class IrsPanel(_Part):
 
 
 class PathLossCoefficients(_Part):
-    """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), all in dB."""
+    """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), all in
+    dB.
+    """
 
     intercept_db: Decibels
     distance_slope_db: Decibels
@@ -163,7 +173,9 @@ class PathLossCoefficients(_Part):
 
 
 class PathLoss(_Part):
-    """Coefficients with and without line of sight (3GPP TR 38.901, table 7.4.1-1, InF-SH in the paper)."""
+    """Coefficients with and without line of sight (3GPP TR 38.901, table 7.4.1-1, InF-SH in the
+    paper).
+    """
 
     line_of_sight: PathLossCoefficients
     non_line_of_sight: PathLossCoefficients
@@ -188,7 +200,9 @@ class Scene(_Part):
     rician_factor_db: Decibels
     path_loss: PathLoss
     target_db: float = TARGET_DB  # lowest expected channel gain that keeps the robot connected
-    phase_bits: PhaseBits | None = None  # resolution of all panels' phase shifters; None for continuous phases
+    phase_bits: PhaseBits | None = (
+        None  # resolution of all panels' phase shifters; None for continuous phases
+    )
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -201,10 +215,14 @@ class Scene(_Part):
         room, mistakes = self.room, []
         for n, box in enumerate(self.obstacles):
             if not (room.holds(box.lower) and room.holds(box.upper)):
-                mistakes.append(f"obstacles[{n}] reaches from {box.lower} to {box.upper}, outside the room")
+                mistakes.append(
+                    f"obstacles[{n}] reaches from {box.lower} to {box.upper}, outside the room"
+                )
         for n, point in enumerate(self.access_points):
             if not room.holds(point.position):
-                mistakes.append(f"access_points[{n}].position={point.position} lies outside the room")
+                mistakes.append(
+                    f"access_points[{n}].position={point.position} lies outside the room"
+                )
         for n, panel in enumerate(self.irs_panels):
             where, wall = panel.position["xy".index(panel.wall[0])], getattr(room, panel.wall)
             if not room.holds(panel.position) or abs(where - wall) > TOUCH:
@@ -213,7 +231,9 @@ class Scene(_Part):
                 )
             mistakes += self._too_near(n, panel)
         if not self.antenna_height <= room.height:
-            mistakes.append(f"antenna_height={self.antenna_height} exceeds the room's height {room.height}")
+            mistakes.append(
+                f"antenna_height={self.antenna_height} exceeds the room's height {room.height}"
+            )
         return mistakes
 
     def _too_near(self, n: int, panel: IrsPanel) -> list[str]:
@@ -235,7 +255,9 @@ class Scene(_Part):
         for field in ("start", "goal"):
             point = getattr(self, field)
             if not self.room.holds(point):
-                mistakes.append(f"{field}={point} lies outside the room {self.room.lower} to {self.room.upper}")
+                mistakes.append(
+                    f"{field}={point} lies outside the room {self.room.lower} to {self.room.upper}"
+                )
             elif is_in_footprint(np.array(point), self.boxes):
                 mistakes.append(f"{field}={point} lies inside an obstacle")
         if self.start == self.goal:
@@ -244,7 +266,9 @@ class Scene(_Part):
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> "Scene":
-        """Scene of what a scene file holds, as `to_data` gives it; a ``ValueError`` names each field at fault."""
+        """Scene of what a scene file holds, as `to_data` gives it; a ``ValueError`` names each
+        field at fault.
+        """
         try:
             return cls.model_validate_json(json.dumps(dict(data)), strict=True)
         except ValidationError as error:
@@ -264,7 +288,9 @@ class Scene(_Part):
         return Boxes(both[:, 0], both[:, 1])
 
     def grid(self, cell_size: float) -> Grid:
-        """Grid over the floor; raises ``ValueError`` where ``cell_size`` (metres) does not divide the room."""
+        """Grid over the floor; raises ``ValueError`` where ``cell_size`` (metres) does not divide
+        the room.
+        """
         return Grid.tile(self.room.lower, self.room.upper, cell_size)
 
     def with_irs_elements(self, irs_elements: int | None) -> "Scene":
@@ -275,20 +301,26 @@ class Scene(_Part):
         Raises
         ------
         ValueError
-            Where the elements are no whole number or more than any panel has, do not fill whole rows of sub-surfaces,
-            or the scene has no panel to put them on.
+            Where the elements are no whole number or more than any panel has, do not fill whole
+            rows of sub-surfaces, or the scene has no panel to put them on.
         """
         if irs_elements is None:
             return self
         if isinstance(irs_elements, bool) or not isinstance(irs_elements, Integral):
-            raise ValueError(f"irs_elements={irs_elements!r} must be a whole number of elements, or None")
+            raise ValueError(
+                f"irs_elements={irs_elements!r} must be a whole number of elements, or None"
+            )
         elements = int(irs_elements)
         if elements > MOST_ELEMENTS:
-            raise ValueError(f"irs_elements={elements} is more than the {MOST_ELEMENTS} that a panel may have")
+            raise ValueError(
+                f"irs_elements={elements} is more than the {MOST_ELEMENTS} that a panel may have"
+            )
         if elements == 0:
             return self.model_copy(update={"irs_panels": ()})
         if not self.irs_panels:
-            raise ValueError(f"irs_elements={elements} needs an IRS panel, and scene {self.name!r} lists none")
+            raise ValueError(
+                f"irs_elements={elements} needs an IRS panel, and scene {self.name!r} lists none"
+            )
         panels = tuple(_with_elements(panel, elements) for panel in self.irs_panels)
         return self.model_copy(update={"irs_panels": panels})
 
@@ -331,7 +363,9 @@ def load_scene(source: str | Path) -> Scene:
     elif place.is_file():
         text = read_file(place, _FILE_BYTES)
     else:
-        raise FileNotFoundError(f"scene={str(source)!r} is neither a file nor one of the scenes {scene_names()}")
+        raise FileNotFoundError(
+            f"scene={str(source)!r} is neither a file nor one of the scenes {scene_names()}"
+        )
     try:
         return Scene.model_validate_json(text, strict=True)
     except ValidationError as error:
@@ -360,7 +394,9 @@ def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
 def _in_one_line(error: ValidationError) -> str:
     mistakes = []
     for mistake in error.errors(include_url=False)[:_MOST_TOLD]:
-        field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]).lstrip(".")
+        field = "".join(
+            f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]
+        ).lstrip(".")
         is_whole_part = mistake["type"] == "missing" or not field
         given = "" if is_whole_part else f" (got {_shortened(mistake['input'])})"
         said = mistake["msg"].removeprefix("Value error, ")

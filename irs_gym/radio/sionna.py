@@ -14,18 +14,19 @@ _DECIMALS = 6  # Sionna holds metres in single precision: below a micrometre the
 def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioMap:
     """Radio map of what Sionna RT's ``RadioMapSolver`` returns for a horizontal measurement plane.
 
-    Each cell is served by the transmitter of the highest path gain. Sionna's path gain is the mean of abs(c)^2 over
-    the cell, for antennas as the scene sets them: the expected channel gain of this package, for isotropic ones.
+    Each cell is served by the transmitter of the highest path gain. Sionna's path gain is the mean
+    of abs(c)^2 over the cell, for antennas as the scene sets them: the expected channel gain of
+    this package, for isotropic ones.
 
     Parameters
     ----------
     radio_map
-        A ``sionna.rt.PlanarRadioMap`` (sionna-rt 2.x), or anything with its ``path_gain`` (transmitters, Y, X),
-        ``cell_centers`` (Y, X, 3) and ``cell_size`` (2,).
+        A ``sionna.rt.PlanarRadioMap`` (sionna-rt 2.x), or anything with its ``path_gain``
+        (transmitters, Y, X), ``cell_centers`` (Y, X, 3) and ``cell_size`` (2,).
     free
-        Bool, shape ``(X, Y)``: the cells that a robot can enter. Rays reach into some materials, so the map alone
-        does not say. A free cell that no ray reaches stays free, with a gain of -inf. None: all cells that receive
-        anything.
+        Bool, shape ``(X, Y)``: the cells that a robot can enter. Rays reach into some materials, so
+        the map alone does not say. A free cell that no ray reaches stays free, with a gain of -inf.
+        None: all cells that receive anything.
 
     Returns
     -------
@@ -37,14 +38,21 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
     TypeError
         Where the result is no planar radio map (a mesh radio map has no cells of one size).
     ValueError
-        Where the plane is not horizontal and aligned with the axes, its cells are not square, or an array is at fault.
+        Where the plane is not horizontal and aligned with the axes, its cells are not square, or an
+        array is at fault.
     """
-    missing = [name for name in ("path_gain", "cell_centers", "cell_size") if not hasattr(radio_map, name)]
+    missing = [
+        name for name in ("path_gain", "cell_centers", "cell_size") if not hasattr(radio_map, name)
+    ]
     if missing:
-        raise TypeError(f"{type(radio_map).__name__} has no {', '.join(missing)}: a planar radio map is needed")
+        raise TypeError(
+            f"{type(radio_map).__name__} has no {', '.join(missing)}: a planar radio map is needed"
+        )
     path_gain = np.asarray(radio_map.path_gain, dtype=np.float64)
     if path_gain.ndim != 3 or not path_gain.size or not np.all(path_gain >= 0):
-        raise ValueError(f"path_gain, of the shape {path_gain.shape}, must be linear gains (transmitters, Y, X)")
+        raise ValueError(
+            f"path_gain, of the shape {path_gain.shape}, must be linear gains (transmitters, Y, X)"
+        )
     gain_db = linear_to_db(path_gain.max(axis=0).T)
     if free is not None and (np.shape(free) != gain_db.shape or np.asarray(free).dtype != bool):
         raise ValueError(f"free must be an array of bools of the map's shape {gain_db.shape}")
@@ -53,17 +61,23 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
 
 
 def _cells(radio_map: Any, shape: tuple[int, ...]) -> tuple[float, tuple[float, float]]:
-    """Cell size and lower left corner in metres, of a plane that must lie as a `irs_gym.grid.Grid` does."""
+    """Cell size and lower left corner in metres, of a plane that must lie as a `irs_gym.grid.Grid`
+    does.
+    """
     sizes = np.asarray(radio_map.cell_size, dtype=np.float64).ravel().round(_DECIMALS)
     if sizes.shape != (2,) or sizes[0] != sizes[1]:
         raise ValueError(f"cell_size={sizes.tolist()} must be one size in metres along x and y")
     cell_size, centres = float(sizes[0]), np.asarray(radio_map.cell_centers, dtype=np.float64)
     if centres.shape != (shape[1], shape[0], 3):
-        raise ValueError(f"cell_centers has the shape {centres.shape}, but the path gains need {(*shape[::-1], 3)}")
+        raise ValueError(
+            f"cell_centers has the shape {centres.shape}, but the path gains need {(*shape[::-1], 3)}"
+        )
     first = centres[0, 0]
     x, y = (low + cell_size * np.arange(n) for low, n in zip(first[:2], shape, strict=True))
     level = np.stack([*np.meshgrid(x, y), np.full(shape[::-1], first[2])], axis=-1)
     if not np.allclose(centres, level, rtol=0, atol=cell_size / 100):
-        raise ValueError("the measurement plane must be horizontal, its cells along x and y: orientation=(0, 0, 0)")
+        raise ValueError(
+            "the measurement plane must be horizontal, its cells along x and y: orientation=(0, 0, 0)"
+        )
     corner_x, corner_y = (first[:2] - cell_size / 2).round(_DECIMALS).tolist()
     return cell_size, (corner_x, corner_y)

@@ -9,7 +9,8 @@ from irs_gym.rendering.view import Point, View, checked_cells
 
 
 def text_frame(view: View, trail: ArrayLike) -> str:
-    """The same as `draw` in plain characters, one a cell within a border, under a line of numbers and over a legend.
+    """The same as `draw` in plain characters, one a cell within a border, under a line of numbers
+    and over a legend.
 
     Raises
     ------
@@ -42,7 +43,9 @@ def text_frame(view: View, trail: ArrayLike) -> str:
 
 
 def _bordered_cells(grid: Grid, points: tuple[Point, ...]) -> NDArray[np.int64]:
-    """Cells ``(n, 2)`` of points in metres, counted from 1; 0 and X + 1 or Y + 1 where a point is on a wall."""
+    """Cells ``(n, 2)`` of points in metres, counted from 1; 0 and X + 1 or Y + 1 where a point is
+    on a wall.
+    """
     inside = (np.reshape(points, (-1, 2)) - grid.origin) / grid.cell_size
     cells = np.where(inside <= 1e-9, 0.0, np.floor(inside + 1e-9) + 1.0)
     return np.clip(cells, 0, np.add(grid.shape, 1)).astype(np.int64)

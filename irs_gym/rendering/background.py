@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from irs_gym.rendering.view import View
 
-# Perceptually uniform and rising in lightness, so that it reads in grey too: nine anchors of viridis. Its darkest
-# ninth is left out, so that obstacles are darker than any gain.
+# Perceptually uniform and rising in lightness, so that it reads in grey too: nine anchors of
+# viridis. Its darkest ninth is left out, so that obstacles are darker than any gain.
 COLOUR_MAP = np.array(
     [
         (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142), (31, 158, 137),
@@ -69,7 +69,9 @@ Sample = Callable[["Image.Image", Floats, int], None]
 
 
 def _entries(view: View) -> list[tuple[str, Sample]]:
-    """The legend: a label, and how to draw its sample about a point, for all that the picture holds."""
+    """The legend: a label, and how to draw its sample about a point, for all that the picture
+    holds.
+    """
     ends = np.array([(-1.2, 0.0), (1.2, 0.0)])
 
     def obstacle(image: Image.Image, at: Floats, em: int) -> None:
@@ -83,9 +85,17 @@ def _entries(view: View) -> list[tuple[str, Sample]]:
     entries: list[tuple[bool, str, Sample]] = [
         (True, "start", lambda image, at, em: primitives.mark(image, primitives.DIAMOND, at, em)),
         (True, "goal", lambda image, at, em: primitives.mark(image, primitives.SQUARE, at, em)),
-        (True, "robot", lambda image, at, em: primitives.mark(image, primitives.DISC, at, em, ROBOT)),
+        (
+            True,
+            "robot",
+            lambda image, at, em: primitives.mark(image, primitives.DISC, at, em, ROBOT),
+        ),
         (True, "robot path", lambda image, at, em: trace(image, at + ends * em, em)),
-        (len(view.oracle_cells) > 1, "oracle path", lambda image, at, em: primitives.dash(image, at + ends * em, em)),
+        (
+            len(view.oracle_cells) > 1,
+            "oracle path",
+            lambda image, at, em: primitives.dash(image, at + ends * em, em),
+        ),
         (bool(view.is_obstacle.any()), "obstacle", obstacle),
         (bool(view.is_below.any()), "below target", below),
     ]
@@ -93,7 +103,9 @@ def _entries(view: View) -> list[tuple[str, Sample]]:
 
 
 def trace(image: Image.Image, points: Floats, em: int) -> None:
-    """Draw the robot's path through ``points`` ``(T, 2)``, narrow enough to show the oracle's dashes under it."""
+    """Draw the robot's path through ``points`` ``(T, 2)``, narrow enough to show the oracle's
+    dashes under it.
+    """
     primitives.stroke(image, points, primitives.BLACK, 0.40 * em)
     primitives.stroke(image, points, ROBOT, 0.24 * em)
 
@@ -128,7 +140,9 @@ def _gain_range(view: View) -> tuple[float, float]:
 
 
 def _hatched(pixels: Floats, share: Floats, em: int) -> Floats:
-    """Pixels ``(H, W, 3)`` made pale and hatched by the share ``(H, W)`` of each that lies below the target."""
+    """Pixels ``(H, W, 3)`` made pale and hatched by the share ``(H, W)`` of each that lies below
+    the target.
+    """
     rows, columns = np.indices(share.shape)
     period = max(5, round(0.6 * em))
     line = np.clip(1.0 + em / 24 - np.abs((rows + columns) % period - period // 2), 0.0, 1.0)
@@ -142,7 +156,9 @@ def _paint_axes(image: Image.Image, layout: Layout) -> None:
 
     pen, em, font = ImageDraw.Draw(image), layout.em, primitives.font(layout.em)
     lower, upper = layout.grid.origin, layout.grid.upper
-    pen.rectangle((layout.left - 1, layout.top - 1, layout.right, layout.bottom), outline=primitives.BLACK)
+    pen.rectangle(
+        (layout.left - 1, layout.top - 1, layout.right, layout.bottom), outline=primitives.BLACK
+    )
     for value in round_steps(lower[0], upper[0], layout.map_size[0] / (4 * em)):
         x = layout.pixels((value, lower[1]))[0]
         pen.line((x, layout.bottom, x, layout.bottom + 0.3 * em), primitives.BLACK)
@@ -151,7 +167,13 @@ def _paint_axes(image: Image.Image, layout: Layout) -> None:
         y = layout.pixels((lower[0], value))[1]
         pen.line((layout.left - 0.3 * em, y, layout.left, y), primitives.BLACK)
         pen.text((layout.left - 0.5 * em, y), f"{value:g}", primitives.BLACK, font, anchor="rm")
-    pen.text(((layout.left + layout.right) / 2, layout.bottom + 1.7 * em), "x (m)", primitives.BLACK, font, anchor="ma")
+    pen.text(
+        ((layout.left + layout.right) / 2, layout.bottom + 1.7 * em),
+        "x (m)",
+        primitives.BLACK,
+        font,
+        anchor="ma",
+    )
     primitives.write_upright(image, "y (m)", (0.8 * em, (layout.top + layout.bottom) / 2), em)
 
 
@@ -163,7 +185,9 @@ def _paint_colour_bar(image: Image.Image, view: View, layout: Layout) -> None:
     low, high = _gain_range(view)
     gain_db = np.repeat(np.linspace(high, low, height, dtype=np.float64)[:, None], width, axis=1)
     primitives.paste(
-        image, _hatched(_colours(view, gain_db), (gain_db < view.target_db).astype(np.float64), em), (left, top)
+        image,
+        _hatched(_colours(view, gain_db), (gain_db < view.target_db).astype(np.float64), em),
+        (left, top),
     )
     pen.rectangle((left - 1, top - 1, left + width, top + height), outline=primitives.BLACK)
 
@@ -171,21 +195,36 @@ def _paint_colour_bar(image: Image.Image, view: View, layout: Layout) -> None:
         return top + (high - value) / (high - low) * height
 
     for value in round_steps(low, high, height / (3 * em)):
-        pen.line((left + width, level(value), left + width + 0.3 * em, level(value)), primitives.BLACK)
+        pen.line(
+            (left + width, level(value), left + width + 0.3 * em, level(value)), primitives.BLACK
+        )
         pen.text(
-            (left + width + 0.5 * em, level(value)), f"{value:g}", primitives.BLACK, primitives.font(em), anchor="lm"
+            (left + width + 0.5 * em, level(value)),
+            f"{value:g}",
+            primitives.BLACK,
+            primitives.font(em),
+            anchor="lm",
         )
     if low <= view.target_db <= high:
         tip = np.array((left - 1.0, level(view.target_db)))
-        primitives.fill(image, tip + np.array([(0.0, 0.0), (-0.7, -0.4), (-0.7, 0.4)]) * em, primitives.BLACK)
-        primitives.stroke(image, tip + np.array([(0.0, 0.0), (width + 1.0, 0.0)]), primitives.BLACK, 0.14 * em)
-    primitives.write_upright(image, "channel gain (dB)", (left + width + 3.9 * em, top + height / 2), em)
+        primitives.fill(
+            image, tip + np.array([(0.0, 0.0), (-0.7, -0.4), (-0.7, 0.4)]) * em, primitives.BLACK
+        )
+        primitives.stroke(
+            image, tip + np.array([(0.0, 0.0), (width + 1.0, 0.0)]), primitives.BLACK, 0.14 * em
+        )
+    primitives.write_upright(
+        image, "channel gain (dB)", (left + width + 3.9 * em, top + height / 2), em
+    )
 
 
 def _paint_stations(image: Image.Image, view: View, layout: Layout) -> None:
     """Access points as triangles and panels as bars on their wall, with their names beside them."""
     lower, upper = np.array(layout.grid.origin), np.array(layout.grid.upper)
-    kinds = (("AP", primitives.TRIANGLE, view.access_points), ("IRS", primitives.BAR, view.irs_panels))
+    kinds = (
+        ("AP", primitives.TRIANGLE, view.access_points),
+        ("IRS", primitives.BAR, view.irs_panels),
+    )
     for name, shape, points in kinds:
         for number, point in enumerate(np.clip(np.reshape(points, (-1, 2)), lower, upper), start=1):
             to_walls = np.concatenate([point - lower, upper - point])  # left, bottom, right, top

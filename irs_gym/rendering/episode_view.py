@@ -10,7 +10,10 @@ from irs_gym.mdp.task import World
 from irs_gym.oracle.shortest_path import descend
 from irs_gym.rendering import View, draw_frame, text_frame
 
-RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {"rgb_array": draw_frame, "ansi": text_frame}
+RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {
+    "rgb_array": draw_frame,
+    "ansi": text_frame,
+}
 
 
 @lru_cache(maxsize=32)
@@ -26,5 +29,7 @@ def view_of(world: World, start: Cell, goal: Cell) -> View:
         start=start,
         goal=goal,
         free=radio_map.free,
-        oracle_cells=descend(tabulate(world, goal).distance_to_go, start, radio_map.grid.cell_size).cells,
+        oracle_cells=descend(
+            tabulate(world, goal).distance_to_go, start, radio_map.grid.cell_size
+        ).cells,
     )

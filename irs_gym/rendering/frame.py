@@ -14,7 +14,8 @@ def draw_frame(view: View, trail: ArrayLike) -> NDArray[np.uint8]:
     Parameters
     ----------
     view
-        What does not change within the episode; its background is drawn at the first frame and kept with it.
+        What does not change within the episode; its background is drawn at the first frame and kept
+        with it.
     trail
         Shape ``(T, 2)``, T >= 1: the cells visited so far. The robot is on the last one.
 
@@ -44,7 +45,9 @@ def draw_frame(view: View, trail: ArrayLike) -> NDArray[np.uint8]:
 
 
 def _corners(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The ends of a trail ``(T, 2)`` and the cells where it changes direction, repeated cells left out."""
+    """The ends of a trail ``(T, 2)`` and the cells where it changes direction, repeated cells left
+    out.
+    """
     cells = cells[np.append(np.diff(cells, axis=0).any(axis=1), True)]
     moves = np.diff(cells, axis=0)
     is_corner = np.ones(len(cells), dtype=bool)

@@ -10,9 +10,11 @@ from irs_gym.mdp.autoreset import AutoresetMode
 
 
 class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):
-    """Collects a picture of every environment at each step; what `gymnasium.wrappers.RenderCollection` is to one.
+    """Collects a picture of every environment at each step; what
+    `gymnasium.wrappers.RenderCollection` is to one.
 
-    `render` gives each environment's pictures since its episode began or since the last call, whichever is later.
+    `render` gives each environment's pictures since its episode began or since the last call,
+    whichever is later.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
@@ -26,7 +28,9 @@ class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):
         """That of the environment, with ``_list`` behind it."""
         return f"{self.env.render_mode}_list"
 
-    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         """Start an episode, and its list anew, where the environment does."""
         outcome = self.env.reset(seed=seed, options=options)
         begun = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool)))
@@ -41,7 +45,9 @@ class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):
 
         mode, resumed = self.metadata["autoreset_mode"], self._has_ended
         self._has_ended = terminated | truncated
-        begun = {AutoresetMode.NEXT_STEP: resumed, AutoresetMode.SAME_STEP: self._has_ended}.get(mode)
+        begun = {AutoresetMode.NEXT_STEP: resumed, AutoresetMode.SAME_STEP: self._has_ended}.get(
+            mode
+        )
         self._collect(np.ones_like(resumed), np.zeros_like(resumed) if begun is None else begun)
         return outcome
 

@@ -1,6 +1,7 @@
 """`Layout`: where a picture's parts lie, and which way up.
 
-+x runs right and +y runs up, in pictures and in text: `rows_from_top` turns maps, `Layout.pixels` turns points.
++x runs right and +y runs up, in pictures and in text: `rows_from_top` turns maps, `Layout.pixels`
+turns points.
 """
 
 from __future__ import annotations
@@ -51,7 +52,9 @@ class Layout:
 
     @classmethod
     def fit(cls, grid: Grid, size: int, labels: Sequence[str]) -> Layout:
-        """The largest map in a picture whose longest side is ``size``; a deep room has its legend beside it."""
+        """The largest map in a picture whose longest side is ``size``; a deep room has its legend
+        beside it.
+        """
         em = max(9, round(size / 42))
         left, top, right, foot = round(4.0 * em), round(2.4 * em), round(6.8 * em), round(3.4 * em)
         is_deep = grid.shape[1] > 1.6 * grid.shape[0]
@@ -59,10 +62,18 @@ class Layout:
         taken = np.array([left + right, top + foot]) + legend_size * (is_deep, not is_deep)
         scale = float(np.min((size - taken) / grid.shape))
         map_size = max(1, int(scale * grid.shape[0])), max(1, int(scale * grid.shape[1]))
-        panel = np.maximum(map_size, 9 * em)  # room for the colour bar and its label, however thin the map
+        panel = np.maximum(
+            map_size, 9 * em
+        )  # room for the colour bar and its label, however thin the map
         whole = np.maximum(panel + taken, legend_size)
-        width, height = (size if side == whole.max() else 2 * round(side / 2) for side in whole)  # even, for video
-        corner = (width - legend_size[0], top) if is_deep else ((width - legend_size[0]) / 2, height - legend_size[1])
+        width, height = (
+            size if side == whole.max() else 2 * round(side / 2) for side in whole
+        )  # even, for video
+        corner = (
+            (width - legend_size[0], top)
+            if is_deep
+            else ((width - legend_size[0]) / 2, height - legend_size[1])
+        )
         bar = left + int(panel[0]) + em, top, em, int(panel[1])
         map_top = top + (int(panel[1]) - map_size[1]) // 2
         return cls(grid, (width, height), em, left, map_top, map_size, bar, legend + corner)
@@ -79,16 +90,22 @@ class Layout:
 
     def pixels(self, points: ArrayLike) -> Floats:
         """Pixels ``(..., 2)`` of points in metres: +x runs right, +y up."""
-        share = (np.asarray(points) - self.grid.origin) / np.subtract(self.grid.upper, self.grid.origin)
+        share = (np.asarray(points) - self.grid.origin) / np.subtract(
+            self.grid.upper, self.grid.origin
+        )
         return np.asarray((self.left, self.bottom) + share * self.map_size * (1, -1))
 
     def cell_pixels(self, cells: ArrayLike) -> Floats:
         """Pixels ``(..., 2)`` of the centres of cells."""
-        return self.pixels(np.add(self.grid.origin, (np.asarray(cells) + 0.5) * self.grid.cell_size))
+        return self.pixels(
+            np.add(self.grid.origin, (np.asarray(cells) + 0.5) * self.grid.cell_size)
+        )
 
 
 def _legend(labels: Sequence[str], em: int, width: float) -> tuple[Floats, Floats]:
-    """Left ends ``(n, 2)`` of the entries from the legend's corner, and its size; as many columns as fit."""
+    """Left ends ``(n, 2)`` of the entries from the legend's corner, and its size; as many columns
+    as fit.
+    """
     lengths = [primitives.font(em).getlength(label) + 4.0 * em for label in labels]
     for columns in range(len(labels), 0, -1):
         deep = -(-len(labels) // columns)
@@ -101,8 +118,13 @@ def _legend(labels: Sequence[str], em: int, width: float) -> tuple[Floats, Float
 
 
 def round_steps(low: float, high: float, count: float) -> list[float]:
-    """Round numbers from ``low`` to ``high``, about ``count`` of them: steps of 1, 2 or 5 times a power of ten."""
+    """Round numbers from ``low`` to ``high``, about ``count`` of them: steps of 1, 2 or 5 times a
+    power of ten.
+    """
     least = (high - low) / max(1.0, count)
     power = 10.0 ** np.floor(np.log10(least))
     step = float(next(f * power for f in (1, 2, 5, 10) if f * power >= least * (1 - 1e-9)))
-    return [k * step for k in range(int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9)) + 1)]
+    return [
+        k * step
+        for k in range(int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9)) + 1)
+    ]

@@ -16,9 +16,9 @@ def with_render_mode(
 ) -> Environment:
     """What ``make`` makes, in any render mode.
 
-    ``"human"`` is a ``window`` around ``"rgb_array"``, and ``"rgb_array_list"`` or ``"ansi_list"`` a ``collection`` of
-    what the mode without ``_list`` gives. Gymnasium does the same by itself, but not without a warning, nor for vector
-    environments.
+    ``"human"`` is a ``window`` around ``"rgb_array"``, and ``"rgb_array_list"`` or ``"ansi_list"``
+    a ``collection`` of what the mode without ``_list`` gives. Gymnasium does the same by itself,
+    but not without a warning, nor for vector environments.
     """
     if render_mode == "human":
         return window(make(render_mode="rgb_array"))

@@ -77,7 +77,9 @@ def write_upright(image: Image.Image, words: str, centre: tuple[float, float], e
     line = images.new("L", (round(font(em).getlength(words)) + 2, 2 * em))
     ImageDraw.Draw(line).text((1, em), words, 255, font(em), anchor="lm")
     line = line.transpose(images.Transpose.ROTATE_90)
-    image.paste(BLACK, (round(centre[0] - line.width / 2), round(centre[1] - line.height / 2)), line)
+    image.paste(
+        BLACK, (round(centre[0] - line.width / 2), round(centre[1] - line.height / 2)), line
+    )
 
 
 @lru_cache

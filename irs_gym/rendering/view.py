@@ -56,16 +56,26 @@ class View:
 
     def __post_init__(self) -> None:
         if self.gain_db.shape != self.grid.shape:
-            raise ValueError(f"gain_db has shape {self.gain_db.shape}, but the grid {self.grid.shape}")
+            raise ValueError(
+                f"gain_db has shape {self.gain_db.shape}, but the grid {self.grid.shape}"
+            )
         if self.free is not None and self.free.shape != self.grid.shape:
             raise ValueError(f"free has shape {self.free.shape}, but the grid {self.grid.shape}")
         if not np.isfinite(self.gain_db).any() or not np.all(self.gain_db < np.inf):
-            raise ValueError("gain_db must hold a finite gain in at least one cell, and neither NaN nor +inf")
+            raise ValueError(
+                "gain_db must hold a finite gain in at least one cell, and neither NaN nor +inf"
+            )
         if not np.isfinite(self.target_db):
             raise ValueError(f"target_db={self.target_db} must be a finite number of dB")
         if self.size < 320:
-            raise ValueError(f"size={self.size} px is too small for a readable picture: it must be 320 or more")
-        for name, cells in (("start", [self.start]), ("goal", [self.goal]), ("oracle_cells", self.oracle_cells)):
+            raise ValueError(
+                f"size={self.size} px is too small for a readable picture: it must be 320 or more"
+            )
+        for name, cells in (
+            ("start", [self.start]),
+            ("goal", [self.goal]),
+            ("oracle_cells", self.oracle_cells),
+        ):
             if len(cells):
                 checked_cells(self.grid, cells, name)
 
@@ -86,11 +96,17 @@ class View:
 
 
 def checked_cells(grid: Grid, cells: ArrayLike, name: str) -> NDArray[np.int64]:
-    """Cells as an int64 array ``(T, 2)``; a ValueError where they are not cells of the grid, or none."""
+    """Cells as an int64 array ``(T, 2)``; a ValueError where they are not cells of the grid, or
+    none.
+    """
     array = np.asarray(cells)
     if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0 or array.dtype.kind not in "iu":
-        raise ValueError(f"{name} must be integers of shape (T, 2) with T >= 1, not {array.dtype} {array.shape}")
+        raise ValueError(
+            f"{name} must be integers of shape (T, 2) with T >= 1, not {array.dtype} {array.shape}"
+        )
     outside = ((array < 0) | (array >= grid.shape)).any(axis=1)
     if outside.any():
-        raise ValueError(f"{name} holds {tuple(array[outside][0].tolist())}, which is off the grid of {grid.shape}")
+        raise ValueError(
+            f"{name} holds {tuple(array[outside][0].tolist())}, which is off the grid of {grid.shape}"
+        )
     return array.astype(np.int64)

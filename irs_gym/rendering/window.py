@@ -13,7 +13,8 @@ _LARGEST = 1200  # pixels: a larger picture of all is thinned out to about this
 
 
 class Window(VectorWrapper[Any, Any, Any, Any, Any]):
-    """Shows each step of a vector environment; what `gymnasium.wrappers.HumanRendering` is to one, and by means of it.
+    """Shows each step of a vector environment; what `gymnasium.wrappers.HumanRendering` is to one,
+    and by means of it.
 
     Gymnasium's own wrapper for vectors needs OpenCV besides pygame.
     """
@@ -28,7 +29,9 @@ class Window(VectorWrapper[Any, Any, Any, Any, Any]):
         """Always ``"human"``."""
         return "human"
 
-    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         """Start episodes as the environment does, and show them."""
         outcome = self.env.reset(seed=seed, options=options)
         self._window.reset()
@@ -68,7 +71,9 @@ class _Mosaic(gymnasium.Env[Any, Any]):
 
 
 def mosaic(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Pictures ``(n, H, W, 3)`` row by row in one, about as many rows as columns, white where there is none."""
+    """Pictures ``(n, H, W, 3)`` row by row in one, about as many rows as columns, white where there
+    is none.
+    """
     count, height, width, channels = frames.shape
     columns = ceil(sqrt(count))
     rows = ceil(count / columns)

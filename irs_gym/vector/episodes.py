@@ -1,4 +1,6 @@
-"""`VectorEpisodes`: the episodes of n robots, with autoreset: what is the same for all vector environments."""
+"""`VectorEpisodes`: the episodes of n robots, with autoreset: what is the same for all vector
+environments.
+"""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -62,7 +64,9 @@ class VectorEpisodes:
         self._is_reset = False
         self._buffer = np.empty((n, sampler.packing.width), dtype=np.float32)
 
-    def reset(self, seeds: Sequence[int | None] | None, options: dict[str, Any] | None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, seeds: Sequence[int | None] | None, options: dict[str, Any] | None
+    ) -> tuple[Any, dict[str, Any]]:
         """Start an episode everywhere, or in the environments of ``options["reset_mask"]``."""
         options = dict(options or {})
         mask = self._checked_mask(options.pop("reset_mask", None))
@@ -100,7 +104,9 @@ class VectorEpisodes:
         self._distance += outcome.moved
         is_refused = None
         if self._tells_refusals:
-            is_refused = outcome.states == before  # a move that is not refused leads to another cell
+            is_refused = (
+                outcome.states == before
+            )  # a move that is not refused leads to another cell
             if resumed is not None:
                 is_refused[resumed] = False
             self._refused += is_refused
@@ -123,10 +129,13 @@ class VectorEpisodes:
     def paths(self) -> list[list[Cell]]:
         """Cells (i, j) of each robot's episode, refused moves left out.
 
-        Where an episode ended at the latest step, they are its cells, whether or not the robot has begun anew.
+        Where an episode ended at the latest step, they are its cells, whether or not the robot has
+        begun anew.
         """
         has_begun_anew = self._just_ended & ~self._has_ended
-        return [self._history.path(i, of_last_episode=has_begun_anew[i]) for i in range(self.num_envs)]
+        return [
+            self._history.path(i, of_last_episode=has_begun_anew[i]) for i in range(self.num_envs)
+        ]
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``."""
@@ -144,10 +153,14 @@ class VectorEpisodes:
         """Where the episode of robot i stands, and its path so far."""
         world, goal = self.scene_and_goal(i)
         path = self._history.path(i)
-        if not self._is_reset:  # as a single environment does: where the world's own episode would begin
+        if (
+            not self._is_reset
+        ):  # as a single environment does: where the world's own episode would begin
             goal = world.goal
             path = [world.start]
-        start, cell, end = np.ravel_multi_index(np.array([path[0], path[-1], goal]).T, world.feasible.shape).tolist()
+        start, cell, end = np.ravel_multi_index(
+            np.array([path[0], path[-1], goal]).T, world.feasible.shape
+        ).tolist()
         snapshot = Snapshot(
             rules=world.fingerprint,
             scene=self._sampler.scene_number(self._states, i),
@@ -161,7 +174,7 @@ class VectorEpisodes:
         )
         return snapshot, path
 
-    # --- episodes ---------------------------------------------------------------------------------------------------
+    # --- episodes ---------------------------------------------------------------------------------
 
     def _begin(self, chosen: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Start an episode for the chosen robots."""
@@ -175,7 +188,9 @@ class VectorEpisodes:
         self._has_violated[chosen] = False
         self._history.begin(chosen, ground.cells(begun), self._clock)
 
-        has_ended = self._has_ended.copy()  # not in place: the last step's flags are told apart from it
+        has_ended = (
+            self._has_ended.copy()
+        )  # not in place: the last step's flags are told apart from it
         has_ended[chosen] = False
         self._has_ended = has_ended
         self._num_ended = int(np.count_nonzero(has_ended))
@@ -197,7 +212,9 @@ class VectorEpisodes:
         return self._deadline <= self._clock
 
     def _end(self, step: Step, ended: NDArray[np.int64]) -> dict[str, Any]:
-        """Begin anew where episodes ended; infos of the new ones, and of the last step of the old ones."""
+        """Begin anew where episodes ended; infos of the new ones, and of the last step of the old
+        ones.
+        """
         packing = self._sampler.packing
         final_rows = np.empty((len(ended), packing.width), dtype=np.float32)
         final_rows = self._sampler.ground.observe(self._states[ended], final_rows)
@@ -213,7 +230,10 @@ class VectorEpisodes:
             if each is not None:
                 each[ended] = 0
         is_success = step.is_success & ~self._just_ended
-        return {**self._infos.everywhere(self._step(step.is_refused, step.cost, is_success)), **final}
+        return {
+            **self._infos.everywhere(self._step(step.is_refused, step.cost, is_success)),
+            **final,
+        }
 
     def _rng(self, i: int) -> np.random.Generator:
         rng = self._rngs[i]
@@ -227,7 +247,7 @@ class VectorEpisodes:
                 if seeds[i] is not None:
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
 
-    # --- what is returned -------------------------------------------------------------------------------------------
+    # --- what is returned -------------------------------------------------------------------------
 
     def _observe(self) -> Any:
         out = np.empty_like(self._buffer) if self.copy else self._buffer
@@ -238,7 +258,10 @@ class VectorEpisodes:
         return self._step(None, None, np.zeros(self.num_envs, dtype=bool))
 
     def _step(
-        self, is_refused: NDArray[np.bool_] | None, cost: NDArray[np.float64] | None, is_success: NDArray[np.bool_]
+        self,
+        is_refused: NDArray[np.bool_] | None,
+        cost: NDArray[np.float64] | None,
+        is_success: NDArray[np.bool_],
     ) -> Step:
         return Step(
             self._sampler.ground,
@@ -253,12 +276,14 @@ class VectorEpisodes:
 
     def _picture(self, i: int, mode: str) -> Any:
         world, goal = self.scene_and_goal(i)
-        if not self._is_reset:  # as a single environment does: where the world's own episode would begin
+        if (
+            not self._is_reset
+        ):  # as a single environment does: where the world's own episode would begin
             return RENDERERS[mode](view_of(world, world.start, world.goal), [world.start])
         path = self._history.path(i)
         return RENDERERS[mode](view_of(world, path[0], goal), path)
 
-    # --- what is accepted -------------------------------------------------------------------------------------------
+    # --- what is accepted -------------------------------------------------------------------------
 
     def _check_running(self) -> None:
         if not self._is_reset:
@@ -274,7 +299,9 @@ class VectorEpisodes:
             return np.ones(self.num_envs, dtype=bool)
         chosen: NDArray[np.bool_] = np.asarray(mask)
         if chosen.shape != (self.num_envs,) or chosen.dtype != bool or not chosen.any():
-            raise ValueError(f"reset_mask must hold {self.num_envs} bools, at least one of them True")
+            raise ValueError(
+                f"reset_mask must hold {self.num_envs} bools, at least one of them True"
+            )
         if not self._is_reset and not chosen.all():
             raise ResetNeeded("the first reset must be of all environments: leave reset_mask out")
         return chosen

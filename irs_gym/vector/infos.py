@@ -82,7 +82,8 @@ def _oracle_distance(step: Step) -> Floats:
     return step.oracle_distance.copy()
 
 
-# One set of keys: at a reset, midway and at the end, in the single environment too. Each array is a fresh one.
+# One set of keys: at a reset, midway and at the end, in the single environment too. Each array is a
+# fresh one.
 VALUES: Values = {
     "distance": _distance,
     "refused": _refused,
@@ -97,7 +98,12 @@ VALUES: Values = {
     "oracle_distance": _oracle_distance,
 }
 KEYS = tuple(VALUES)
-SLOW = ("refused", "is_refused", "distance_to_go", "gain_db")  # with them, a step of a vector takes a third longer
+SLOW = (
+    "refused",
+    "is_refused",
+    "distance_to_go",
+    "gain_db",
+)  # with them, a step of a vector takes a third longer
 
 Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
 
@@ -112,12 +118,16 @@ def checked_keys(infos: Infos, more: Sequence[str] = ()) -> tuple[str, ...]:
         return tuple(key for key in known if infos == "all" or key not in SLOW)
     is_list = isinstance(infos, Sequence) and not isinstance(infos, str)
     if not is_list or not all(key in known for key in infos):
-        raise ValueError(f"infos={infos!r} must be 'all', 'fast', or a list of some of {', '.join(known)}")
+        raise ValueError(
+            f"infos={infos!r} must be 'all', 'fast', or a list of some of {', '.join(known)}"
+        )
     return tuple(key for key in known if key in infos)
 
 
 class InfoBuilder:
-    """Makes the infos of a vector environment: for each key an array ``(n, ...)``, and a mask ``_key`` ``(n,)``."""
+    """Makes the infos of a vector environment: for each key an array ``(n, ...)``, and a mask
+    ``_key`` ``(n,)``.
+    """
 
     def __init__(self, values: Values, keys: Sequence[str]) -> None:
         """Infos with some of the keys that there are values for."""
@@ -125,7 +135,9 @@ class InfoBuilder:
 
     def everywhere(self, step: Step) -> dict[str, Any]:
         """Infos of all environments."""
-        has_key = np.ones(len(step.states), dtype=bool)  # one for all keys, since nobody writes to masks
+        has_key = np.ones(
+            len(step.states), dtype=bool
+        )  # one for all keys, since nobody writes to masks
         infos: dict[str, Any] = {}
         for key, mask, value in self._entries:
             infos[key] = value(step)
@@ -145,7 +157,9 @@ class InfoBuilder:
 
 
 def spread(values: NDArray[Any], chosen: NDArray[np.int64], count: int) -> NDArray[Any]:
-    """An array ``(count, ...)`` with the values of the chosen environments, and zero (or None) elsewhere."""
+    """An array ``(count, ...)`` with the values of the chosen environments, and zero (or None)
+    elsewhere.
+    """
     blank = None if values.dtype == object else 0
     array = np.full((count, *values.shape[1:]), blank, dtype=values.dtype)
     array[chosen] = values

@@ -1,4 +1,6 @@
-"""`ManyScenes`: the maps of many scenes as one long array, so that n robots move and look around by a few gathers."""
+"""`ManyScenes`: the maps of many scenes as one long array, so that n robots move and look around by
+a few gathers.
+"""
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -16,43 +18,55 @@ from irs_gym.vector.protocols import Outcome, States
 
 Ints = NDArray[np.int64]
 
-# A state holds two numbers: its low 32 bits are the place, a cell of a map; the others are the offset from the goal.
+# A state holds two numbers: its low 32 bits are the place, a cell of a map; the others are the
+# offset from the goal.
 _PLACE = 2**32 - 1
 _OFFSET = 32
-# Of the place, the upper 4 bits are 0: shifted by this, an offset makes room for one of 16 codes, 2 x action + legal.
+# Of the place, the upper 4 bits are 0: shifted by this, an offset makes room for one of 16 codes, 2
+# x action + legal.
 _ENTRY = 28
 _BLOCK = 256  # scenes whose rules are worked out at a time: bounds memory
 
 
 @dataclass(frozen=True, eq=False)
 class ManyScenes:
-    """The ground of many worlds: S maps of C cells each, every row and every map with a border behind it.
+    """The ground of many worlds: S maps of C cells each, every row and every map with a border
+    behind it.
 
-    The border of blocked cells is as wide as the robots see, so that a window never reaches into another map. What
-    each method gives for states is described in `irs_gym.vector.protocols.TransitionModel`.
+    The border of blocked cells is as wide as the robots see, so that a window never reaches into
+    another map. What each method gives for states is described in
+    `irs_gym.vector.protocols.TransitionModel`.
     """
 
     worlds: Worlds
     packing: Packing
     shape: tuple[int, int]  # of a map with its border
-    legal: NDArray[np.uint16]  # (S * C,): 8 times the byte whose bits tell which actions are not refused
-    violating: NDArray[np.uint16] | None  # (S * C,): likewise, which actions miss the target; None where none does
+    legal: NDArray[
+        np.uint16
+    ]  # (S * C,): 8 times the byte whose bits tell which actions are not refused
+    violating: (
+        NDArray[np.uint16] | None
+    )  # (S * C,): likewise, which actions miss the target; None where none does
     margin: Rows  # (S * C and a border before and behind,): scaled to be seen
     reward: NDArray[np.float64]  # by offset and code
     is_at_goal: NDArray[np.bool_]  # by offset and code
-    windows: NDArray[np.void] = field(init=False)  # (S * C,): all rows of cells as wide as a patch, a view
+    windows: NDArray[np.void] = field(
+        init=False
+    )  # (S * C,): all rows of cells as wide as a patch, a view
 
     def __post_init__(self) -> None:
         freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
         # Rows overlap in memory: to gather whole rows is twice as fast as to gather their cells.
         row = np.dtype((np.void, 4 * self.packing.side))
-        windows = np.ndarray(len(self.margin) - self.packing.side + 1, row, self.margin.data, strides=(4,))
+        windows = np.ndarray(
+            len(self.margin) - self.packing.side + 1, row, self.margin.data, strides=(4,)
+        )
         object.__setattr__(self, "windows", windows)
 
     def __reduce__(self) -> Any:
         return build_many_scenes, (self.worlds,)
 
-    # --- states -----------------------------------------------------------------------------------------------------
+    # --- states -----------------------------------------------------------------------------------
 
     def states_of(self, scenes: Ints, cells: Ints, goals: Ints) -> States:
         """States of robots: numbers of their scenes ``(n,)``, cells and goals ``(n, 2)``."""
@@ -74,7 +88,7 @@ class ManyScenes:
         i, j = np.divmod(states & _PLACE, self.shape[1])
         return np.stack([i % self.shape[0], j], axis=-1)
 
-    # --- ground -----------------------------------------------------------------------------------------------------
+    # --- ground -----------------------------------------------------------------------------------
 
     def move(self, states: States, actions: Ints) -> Outcome:  # noqa: D102
         places = states & _PLACE
@@ -113,7 +127,11 @@ class ManyScenes:
         return out
 
     def _observe_maps(self, states: States, out: Rows) -> Rows:
-        scenes, each, (columns, rows) = self.scenes(states), np.arange(len(states)), self.packing.shape
+        scenes, each, (columns, rows) = (
+            self.scenes(states),
+            np.arange(len(states)),
+            self.packing.shape,
+        )
         images = out.reshape(len(states), 4, columns, rows)
         before = len(self.margin) - len(self.legal)
         margin = self.margin[before // 2 : before // 2 + len(self.legal)].reshape(-1, *self.shape)
@@ -155,7 +173,7 @@ class ManyScenes:
         i, j = self.goals(states[[n]])[0].tolist()
         return self.worlds.world(int(self.scenes(states[[n]])[0])), (i, j)
 
-    # --- small tables -----------------------------------------------------------------------------------------------
+    # --- small tables -----------------------------------------------------------------------------
 
     @cached_property
     def _size(self) -> int:
@@ -180,7 +198,9 @@ class ManyScenes:
     @cached_property
     def _steps(self) -> Ints:
         """What to add to a state, by code."""
-        steps = (MOVES @ np.array([self._breadth, 1]) << _OFFSET) + MOVES @ np.array([self.shape[1], 1])
+        steps = (MOVES @ np.array([self._breadth, 1]) << _OFFSET) + MOVES @ np.array(
+            [self.shape[1], 1]
+        )
         return frozen(np.stack([np.zeros_like(steps), steps], axis=-1).ravel())
 
     @cached_property
@@ -198,11 +218,15 @@ class ManyScenes:
     @cached_property
     def _to_goal(self) -> Rows:
         """Vector to the goal by offset, shape ``(O, 2)``."""
-        return frozen(np.ascontiguousarray(vectors_to_goal(_offsets(self.packing.shape), self.packing.shape)))
+        return frozen(
+            np.ascontiguousarray(vectors_to_goal(_offsets(self.packing.shape), self.packing.shape))
+        )
 
     @cached_property
     def _names(self) -> NDArray[np.object_]:
-        names = np.array([*self.worlds.pool.names, None], dtype=object)  # objects even where there is but one
+        names = np.array(
+            [*self.worlds.pool.names, None], dtype=object
+        )  # objects even where there is but one
         return frozen(names[:-1])
 
 
@@ -222,18 +246,24 @@ def build_many_scenes(worlds: Worlds) -> ManyScenes:
     shape = (pool.shape[0] + border, pool.shape[1] + border)
     cells = len(pool) * shape[0] * shape[1]
     if cells > 2**_ENTRY:
-        raise ValueError(f"{len(pool)} scenes of {shape} cells, borders included, are more than {2**_ENTRY} cells")
+        raise ValueError(
+            f"{len(pool)} scenes of {shape} cells, borders included, are more than {2**_ENTRY} cells"
+        )
     before = task.patch_radius * (shape[1] + 1)
     margin = np.full(cells + 2 * before, -1.0, dtype=np.float32)
     seen = margin[before : before + cells].reshape(len(pool), *shape)
-    legal = np.empty((1 if task.constraint == "refuse" else 2, len(pool), shape[0] * shape[1]), dtype=np.uint16)
+    legal = np.empty(
+        (1 if task.constraint == "refuse" else 2, len(pool), shape[0] * shape[1]), dtype=np.uint16
+    )
     for first in range(0, len(pool), _BLOCK):
         block = slice(first, first + _BLOCK)
         here = scaled_margin(pool.gain_db[block], pool.target_db[block, None, None])
         seen[block, : pool.shape[0], : pool.shape[1]] = here
         free, feasible = (_bordered(each[block], shape) for each in (pool.free, pool.feasible))
         for kind, may in zip(legal, permissions(task.constraint, free, feasible), strict=False):
-            kind[block] = np.packbits(may, axis=-1, bitorder="little").reshape(-1, shape[0] * shape[1])
+            kind[block] = np.packbits(may, axis=-1, bitorder="little").reshape(
+                -1, shape[0] * shape[1]
+            )
     legal *= ACTIONS
     packing = Packing(task.observation, 2 * task.patch_radius + 1, pool.irs.shape[1], pool.shape)
     return ManyScenes(
@@ -255,9 +285,13 @@ def _bordered(maps: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.boo
 
 
 def _offsets(shape: tuple[int, int]) -> Ints:
-    """All offsets from a goal that there can be on a map, in the order of their numbers: shape ``(O, 2)``."""
+    """All offsets from a goal that there can be on a map, in the order of their numbers: shape
+    ``(O, 2)``.
+    """
     columns, rows = shape
-    return np.asarray(np.indices((2 * columns - 1, 2 * rows - 1)).reshape(2, -1).T - [columns - 1, rows - 1])
+    return np.asarray(
+        np.indices((2 * columns - 1, 2 * rows - 1)).reshape(2, -1).T - [columns - 1, rows - 1]
+    )
 
 
 def _rewards(worlds: Worlds) -> dict[str, NDArray[Any]]:

@@ -1,4 +1,6 @@
-"""`OneScene`: the tables of several goals one behind the other, packed for gathers over many robots."""
+"""`OneScene`: the tables of several goals one behind the other, packed for gathers over many
+robots.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +18,8 @@ from irs_gym.vector.protocols import Outcome, States
 
 @dataclass(frozen=True, eq=False)
 class OneScene:
-    """The ground of one world. A state is a flat cell plus ``X * Y`` times the number of its goal. S states, 8 actions.
+    """The ground of one world. A state is a flat cell plus ``X * Y`` times the number of its goal.
+    S states, 8 actions.
 
     What each method gives for states is described in `irs_gym.vector.protocols.TransitionModel`.
     """
@@ -59,7 +62,8 @@ class OneScene:
 
     def observe(self, states: States, out: NDArray[np.float32]) -> NDArray[np.float32]:  # noqa: D102
         if self.observations is not None:
-            # "clip" is the fast mode of a gather into an array; states come from the tables and are in range
+            # "clip" is the fast mode of a gather into an array; states come from the tables and are
+            # in range
             return self.observations.take(states, axis=0, out=out, mode="clip")
         numbers, cells = np.divmod(states, self.world.feasible.size)
         for number, goal in enumerate(self.goals):
@@ -92,10 +96,14 @@ def build_one_scene(world: World, goals: tuple[Cell, ...]) -> OneScene:
     return OneScene(
         world=world,
         goals=goals,
-        next_state=_join([each.transition["next_cell"] + n * size for n, each in enumerate(tables)]),
+        next_state=_join(
+            [each.transition["next_cell"] + n * size for n, each in enumerate(tables)]
+        ),
         reward=_join([each.transition["reward"] for each in tables]),
         moved=_join([each.transition["moved"] for each in tables]),
-        cost=None if world.task.constraint == "refuse" else _join([each.transition["cost"] for each in tables]),
+        cost=None
+        if world.task.constraint == "refuse"
+        else _join([each.transition["cost"] for each in tables]),
         is_terminated=_join([each.transition["is_terminated"] for each in tables]),
         is_at_goal=_join([each.transition["is_at_goal"] for each in tables]),
         mask=_join([each.action_mask for each in tables]),

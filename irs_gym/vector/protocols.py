@@ -1,4 +1,6 @@
-"""`TransitionModel` and `EpisodeSampler`: what a fleet of robots moves over, and who sends its robots on their way."""
+"""`TransitionModel` and `EpisodeSampler`: what a fleet of robots moves over, and who sends its
+robots on their way.
+"""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
@@ -76,8 +78,12 @@ class EpisodeSampler(Protocol):
     def info_values(self) -> Mapping[str, Callable[[Any], NDArray[Any]]]:
         """How each key of the infos is computed from an `irs_gym.vector.infos.Step`."""
 
-    def begin(self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf) -> States:
-        """States in which the chosen robots begin anew and the others stay where they are; in memory of their own."""
+    def begin(
+        self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
+    ) -> States:
+        """States in which the chosen robots begin anew and the others stay where they are; in
+        memory of their own.
+        """
 
     def scene_number(self, states: States, i: int) -> int:
         """Number of the scene that robot i is in; 0 where there is one."""

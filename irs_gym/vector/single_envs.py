@@ -1,4 +1,6 @@
-"""`SingleEnvs`: the environments of a vector one by one, with the methods that `SyncVectorEnv` has for that."""
+"""`SingleEnvs`: the environments of a vector one by one, with the methods that `SyncVectorEnv` has
+for that.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +12,9 @@ from irs_gym.grid import Cell
 from irs_gym.mdp.snapshot import Snapshot
 
 Make = Callable[[], gymnasium.Env[Any, Any]]
-Snapshots = Callable[[int], tuple[Snapshot, list[Cell]]]  # of a robot: where it stands, and its path
+Snapshots = Callable[
+    [int], tuple[Snapshot, list[Cell]]
+]  # of a robot: where it stands, and its path
 
 
 class SingleEnvs:
@@ -33,27 +37,36 @@ class SingleEnvs:
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """What a method of each environment returns, or the value of an attribute.
 
-        Raises ``AttributeError`` where there is none of that name, or where it would move one environment alone.
+        Raises ``AttributeError`` where there is none of that name, or where it would move one
+        environment alone.
         """
         if name in self._own:
             return tuple(self._own[name])
         if name in self.MOVES:
-            raise AttributeError(f"{name!r} moves single environments: call {name} of the vector environment")
+            raise AttributeError(
+                f"{name!r} moves single environments: call {name} of the vector environment"
+            )
         if not hasattr(self._make(), name):
-            raise AttributeError(f"single environments have no attribute {name!r}, and no method of that name")
+            raise AttributeError(
+                f"single environments have no attribute {name!r}, and no method of that name"
+            )
         return tuple(self._answer(i, name, args, kwargs) for i in range(self._num_envs))
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of the user's own in each environment: to a value, or to one of a list or tuple of n.
+        """Set an attribute of the user's own in each environment: to a value, or to one of a list
+        or tuple of n.
 
-        Raises ``AttributeError`` for the environments' own attributes, and ``ValueError`` for a list of another length.
+        Raises ``AttributeError`` for the environments' own attributes, and ``ValueError`` for a
+        list of another length.
         """
         if not isinstance(values, list | tuple):
             values = [values] * self._num_envs
         if len(values) != self._num_envs:
             raise ValueError(f"values holds {len(values)} values for {self._num_envs} environments")
         if hasattr(self._make().unwrapped, name):
-            raise AttributeError(f"{name!r} cannot be set: the environments share it, so make new ones")
+            raise AttributeError(
+                f"{name!r} cannot be set: the environments share it, so make new ones"
+            )
         self._own[name] = list(values)
 
     def _answer(self, i: int, name: str, args: Any, kwargs: Any) -> Any:

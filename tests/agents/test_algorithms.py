@@ -1,4 +1,6 @@
-"""Facts of the algorithms: their settings reach the learner, each trains, is kept and scored, and tables are exact."""
+"""Facts of the algorithms: their settings reach the learner, each trains, is kept and scored, and
+tables are exact.
+"""
 
 from dataclasses import asdict, replace
 from io import BytesIO
@@ -38,15 +40,33 @@ def obstructed() -> Task:
     gain_db = np.zeros((6, 5))
     gain_db[2, :4] = -np.inf
     floor = RadioMap.from_array(gain_db, 1.0)
-    return Task(radio_map=floor, start=(0, 0), goal=(5, 0), observation="flat", patch_radius=0, random_start=True)
+    return Task(
+        radio_map=floor,
+        start=(0, 0),
+        goal=(5, 0),
+        observation="flat",
+        patch_radius=0,
+        random_start=True,
+    )
 
 
 @pytest.mark.parametrize("algorithm", NETWORKS)
 def test_every_setting_reaches_the_learner(algorithm):
-    agent = replace(DEFAULTS[algorithm].agent, gamma=0.9, learning_rate=0.5, final_learning_rate=0.25, net_arch=(9, 7))
+    agent = replace(
+        DEFAULTS[algorithm].agent,
+        gamma=0.9,
+        learning_rate=0.5,
+        final_learning_rate=0.25,
+        net_arch=(9, 7),
+    )
     model = agent.build(IrsNavVecEnv(agent.n_envs, **arguments_of(obstructed())), seed=7)
     assert [model.lr_schedule(left) for left in (1.0, 0.5, 0.0)] == [0.5, 0.375, 0.25]
-    own = set(vars(agent)) - {"total_timesteps", "learning_rate", "final_learning_rate", *agent.policy_settings}
+    own = set(vars(agent)) - {
+        "total_timesteps",
+        "learning_rate",
+        "final_learning_rate",
+        *agent.policy_settings,
+    }
     for name in own - {"clip_range", "train_freq"}:
         assert getattr(model, name) == getattr(agent, name), name
     if "clip_range" in own:
@@ -70,7 +90,11 @@ def test_only_the_masked_learner_takes_masks():
         ("dqn", "--agent.gradient-steps 0", "gradient_steps=0"),
         ("dqn", "--agent.exploration-final-eps 1.5", "exploration_final_eps=1.5"),
         ("dqn", "--agent.learning-starts -1", "learning_starts=-1"),
-        ("dqn", "--agent.n-steps 3 --env.observation dict", "n_steps=3 needs observation='flat' or 'map'"),
+        (
+            "dqn",
+            "--agent.n-steps 3 --env.observation dict",
+            "n_steps=3 needs observation='flat' or 'map'",
+        ),
         ("dqn", "--agent.buffer-size 10", "buffer_size=10 must be at least"),
         ("dqn", "--agent.final-learning-rate 0", "final_learning_rate=0"),
         ("qr_dqn", "--agent.n-quantiles 0", "n_quantiles=0"),
@@ -87,7 +111,12 @@ def test_settings_out_of_range_are_refused_by_name(capsys, tmp_path, algorithm, 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_each_algorithm_trains_into_a_run_that_can_be_scored(tmp_path, algorithm):
-    assert call([algorithm, "--out", tmp_path / "run", *TINY[algorithm], "--agent.total-timesteps", 256]) == 0
+    assert (
+        call(
+            [algorithm, "--out", tmp_path / "run", *TINY[algorithm], "--agent.total-timesteps", 256]
+        )
+        == 0
+    )
     run = Run.open(tmp_path / "run")
     assert (run.manifest.status, run.config.algorithm) == ("finished", algorithm)
     assert [int(row["steps"]) for row in curve(run.folder)] == [64, 128, 192, 256]
@@ -104,7 +133,15 @@ def test_optimum_of_an_open_floor_is_found(tmp_path, algorithm):
 
 
 def test_masked_learner_never_makes_a_refused_move(tmp_path):
-    words = ["--no-progress", "--agent.total-timesteps", 4096, "--agent.n-envs", 16, "--agent.ent-coef", 1]
+    words = [
+        "--no-progress",
+        "--agent.total-timesteps",
+        4096,
+        "--agent.n-envs",
+        16,
+        "--agent.ent-coef",
+        1,
+    ]
     assert call(["maskable_ppo", "--out", tmp_path, *words, "--eval-every", 1024]) == 0
     rows = curve(tmp_path)
     assert len(rows) == 4
@@ -113,7 +150,9 @@ def test_masked_learner_never_makes_a_refused_move(tmp_path):
 
 def test_table_converges_to_the_values_of_dynamic_programming():
     task, gamma = obstructed(), 0.9
-    agent = QLearningConfig(total_timesteps=40_000, n_envs=16, gamma=gamma, exploration_final_eps=1.0)
+    agent = QLearningConfig(
+        total_timesteps=40_000, n_envs=16, gamma=gamma, exploration_final_eps=1.0
+    )
     model = agent.build(IrsNavVecEnv(16, **arguments_of(task)), seed=1)
     model.learn(agent.total_timesteps, Nothing())
 
@@ -121,9 +160,14 @@ def test_table_converges_to_the_values_of_dynamic_programming():
     rules = tabulate(world, world.goal).transition.reshape(-1, 8)
     values = np.zeros((len(rules), 8))
     for _ in range(300):
-        values = rules["reward"] + gamma * ~rules["is_terminated"] * values.max(axis=1)[rules["next_cell"]]
+        values = (
+            rules["reward"]
+            + gamma * ~rules["is_terminated"] * values.max(axis=1)[rules["next_cell"]]
+        )
     starts = tabulate(world, world.goal).starts
-    np.testing.assert_allclose(model.table[starts], values[starts], atol=1e-5)  # rewards come as float32
+    np.testing.assert_allclose(
+        model.table[starts], values[starts], atol=1e-5
+    )  # rewards come as float32
 
 
 class Nothing:
@@ -149,7 +193,9 @@ def test_table_reads_its_cell_from_every_kind_of_observation(observation):
 
 def test_truncated_episode_is_no_end_to_a_table():
     task = replace(obstructed(), random_start=False)
-    agent = QLearningConfig(n_envs=1, exploration_initial_eps=0.0, exploration_final_eps=0.0, gamma=1.0)
+    agent = QLearningConfig(
+        n_envs=1, exploration_initial_eps=0.0, exploration_final_eps=0.0, gamma=1.0
+    )
     model = agent.build(IrsNavVecEnv(1, max_episode_steps=1, **arguments_of(task)), seed=0)
     model.table[:] = 5.0
     model.learn(1, Nothing())
@@ -162,7 +208,10 @@ def test_table_is_kept_without_pickles():
     table = np.arange(240.0).reshape(30, 8)
     loaded = load(config, task, pack(config, QLearning(table, (6, 5))))
     assert (loaded.shape, loaded.table.tolist()) == ((6, 5), table.tolist())
-    for bad, message in ((np.array([print], dtype=object), "never read"), (table[1:], "not one table of float64")):
+    for bad, message in (
+        (np.array([print], dtype=object), "never read"),
+        (table[1:], "not one table of float64"),
+    ):
         content = BytesIO()
         np.savez(content, table=bad)
         with pytest.raises(WeightsError, match=message):
@@ -187,7 +236,9 @@ def test_loaded_policy_acts_as_the_model_that_was_saved(tmp_path, algorithm, obs
     model = agent.build(env, seed=5)
     if algorithm == "q_learning":
         model.table[:] = np.random.default_rng(0).random(model.table.shape)
-    config = Config(algorithm=algorithm, seed=5, env=arguments_of(task), agent=asdict(agent), training={})
+    config = Config(
+        algorithm=algorithm, seed=5, env=arguments_of(task), agent=asdict(agent), training={}
+    )
     run = Run.create(tmp_path / "run", config)
     run.save_model("best", model, 0, is_success=False, ratio=None)
     loaded = Run.open(run.folder).load_model()

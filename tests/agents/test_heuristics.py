@@ -4,7 +4,14 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.policies.heuristics import REFERENCE_POLICIES, greedy, greedy_margin, masked_random, oracle, random
+from agents.policies.heuristics import (
+    REFERENCE_POLICIES,
+    greedy,
+    greedy_margin,
+    masked_random,
+    oracle,
+    random,
+)
 from agents.policies.observation_decoding import decode
 from agents.rollout.episode import evaluation_env, roll_out
 from irs_gym import RadioMap
@@ -39,7 +46,10 @@ def test_cells_of_robot_and_goal_are_read_from_every_observation(observation):
     env = make(observation=observation, random_start=True, target_db=-64.0)
     shape = env.unwrapped.radio_map.grid.shape
     for seen, robot, goal in states(env, 200):
-        assert decode(seen, shape) == (np.ravel_multi_index(robot, shape), np.ravel_multi_index(goal, shape))
+        assert decode(seen, shape) == (
+            np.ravel_multi_index(robot, shape),
+            np.ravel_multi_index(goal, shape),
+        )
 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
@@ -80,7 +90,10 @@ def test_batches_get_the_actions_of_their_observations():
 def test_random_actions_are_even_and_follow_their_seed():
     env = make()
     observation, _ = env.reset(seed=0)
-    draws = {seed: [int(policy.predict(observation)[0]) for _ in range(8000)] for seed, policy in _seeded(env)}
+    draws = {
+        seed: [int(policy.predict(observation)[0]) for _ in range(8000)]
+        for seed, policy in _seeded(env)
+    }
     assert np.bincount(draws["first"], minlength=8) == pytest.approx(np.full(8, 1000), abs=150)
     assert draws["first"] == draws["again"] != draws["other"]
 
@@ -121,13 +134,22 @@ def test_greedy_is_trapped_before_a_wall_where_the_oracle_goes_round():
 
 
 def test_greedy_never_enters_a_cell_below_the_target():
-    env = make([[0, 0, 0, 0], [0, -70, 0, 0], [0, 0, 0, 0]], start=(0, 1), goal=(3, 1), constraint="terminate")
+    env = make(
+        [[0, 0, 0, 0], [0, -70, 0, 0], [0, 0, 0, 0]],
+        start=(0, 1),
+        goal=(3, 1),
+        constraint="terminate",
+    )
     assert roll_out(greedy(env), env).is_success
 
 
 def test_greedy_on_the_margin_takes_the_strongest_of_the_cells_that_come_nearer():
     # The left column is the strongest, but farther from the goal at the right end.
-    env = make([[50, -1, -9, -3, -9], [50, -2, -5, -9, -1], [50, -9, -2, -4, -9]], start=(1, 1), goal=(4, 1))
+    env = make(
+        [[50, -1, -9, -3, -9], [50, -2, -5, -9, -1], [50, -9, -2, -4, -9]],
+        start=(1, 1),
+        goal=(4, 1),
+    )
     assert roll_out(greedy_margin(env), env).path.tolist() == [[1, 1], [2, 0], [3, 0], [4, 1]]
 
 

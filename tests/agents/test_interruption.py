@@ -1,4 +1,6 @@
-"""Facts of interruption: Ctrl-C ends every command in one line, wherever it hits; a training keeps what it has."""
+"""Facts of interruption: Ctrl-C ends every command in one line, wherever it hits; a training keeps
+what it has.
+"""
 
 import os
 import signal
@@ -45,7 +47,9 @@ runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
 )
 def test_ctrl_c_during_imports_ends_in_one_line(module, words, hit):
     command = [sys.executable, "-c", AT_IMPORT, module, *words, hit]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120
+    )
     assert (done.returncode, done.stderr) == (130, f"python -m {module}: interrupted\n")
     assert done.stdout == ""
 
@@ -65,7 +69,11 @@ runpy.run_module("eval", run_name="__main__", alter_sys=True)
 
 def test_ctrl_c_ends_a_command_at_work_in_one_line():
     process = subprocess.Popen(
-        [sys.executable, "-c", AT_WORK], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", AT_WORK],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout.readline() == "begun\n"
     process.send_signal(signal.SIGINT)
@@ -76,9 +84,17 @@ def test_ctrl_c_ends_a_command_at_work_in_one_line():
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_signal_lets_a_training_write_a_checkpoint_and_end(tmp_path, name):
     number = getattr(signal, name)
-    words = [*TINY["q_learning"], "--no-stop-at-optimum", "--checkpoint-every", "1000000", *open_floor(tmp_path)]
+    words = [
+        *TINY["q_learning"],
+        "--no-stop-at-optimum",
+        "--checkpoint-every",
+        "1000000",
+        *open_floor(tmp_path),
+    ]
     command = [sys.executable, "-m", "train", "q_learning", "--out", tmp_path / "run", *words]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     deadline = time.monotonic() + 120
     while not (tmp_path / "run/learning_curve.csv").exists():
         assert process.poll() is None

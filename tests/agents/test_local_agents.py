@@ -1,4 +1,6 @@
-"""Facts of agents that see a patch of many scenes: memory, guesses, plans, and episodes over whole pools."""
+"""Facts of agents that see a patch of many scenes: memory, guesses, plans, and episodes over whole
+pools.
+"""
 
 from dataclasses import replace
 from io import BytesIO
@@ -37,7 +39,9 @@ def explorer(seed=0, shape=(9, 7), optimistic=False) -> Explorer:
     if optimistic:
         with torch.no_grad():
             network.read_out.weight.zero_()
-            network.read_out.bias.fill_(-100.0)  # softplus of it is nothing: the unknown costs its length
+            network.read_out.bias.fill_(
+                -100.0
+            )  # softplus of it is nothing: the unknown costs its length
     return Explorer({"width": 8}, network, shape)
 
 
@@ -47,11 +51,15 @@ def env_of(pool, **more):
 
 def test_memory_is_the_union_of_all_that_was_in_view():
     rng = np.random.default_rng(0)
-    cells = np.stack([np.argwhere(POOL.feasible[n])[rng.integers(8, size=5)] for n in range(6)])  # (6, 5, 2)
+    cells = np.stack(
+        [np.argwhere(POOL.feasible[n])[rng.integers(8, size=5)] for n in range(6)]
+    )  # (6, 5, 2)
     seen, scenes = BeliefMap.nothing(6, POOL.shape, 2), np.arange(6)
     for step in range(5):
         seen = seen.look(cells[:, step], patches_of(POOL, scenes, cells[:, step], 2))
-    margin = np.clip((POOL.gain_db - POOL.target_db[:, None, None]) / 5.0, -1.0, 1.0).astype(np.float32)
+    margin = np.clip((POOL.gain_db - POOL.target_db[:, None, None]) / 5.0, -1.0, 1.0).astype(
+        np.float32
+    )
     places = np.indices(POOL.shape).transpose(1, 2, 0)
     for n in range(6):
         near = (np.abs(places[:, :, None] - cells[n]).max(axis=-1) <= 2).any(axis=-1)
@@ -81,7 +89,9 @@ def test_detours_of_moves_are_differences_of_dijkstras_distances():
     for n, feasible in enumerate(POOL.feasible):
         legal = legal_moves(feasible)
         for i, j in np.argwhere(np.isfinite(POOL.distance_to_go[n])):
-            for action, (di, dj) in enumerate([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]):
+            for action, (di, dj) in enumerate(
+                [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]
+            ):
                 found = extra[n, action, i, j]
                 if not legal[i, j, action]:
                     assert found == np.inf
@@ -166,7 +176,9 @@ def test_playing_other_frames_takes_their_shape_and_more_steps():
 
 def test_a_path_that_rounding_makes_shorter_than_the_oracles_has_an_spl_of_one():
     oracle = np.array([0.3, 0.3, 0.3])
-    shorter = SceneSetResults(np.array([True, True, False]), np.array([0.3 * (1 - 1e-10), 0.6, 0.1]), oracle)
+    shorter = SceneSetResults(
+        np.array([True, True, False]), np.array([0.3 * (1 - 1e-10), 0.6, 0.1]), oracle
+    )
     assert shorter.spl.tolist() == [1.0, 0.5, 0.0]
 
 
@@ -203,17 +215,23 @@ def test_explorer_survives_its_file():
     policy.save(file)
     kept = read_network(file.getvalue())
     assert isinstance(kept, Explorer)
-    np.testing.assert_array_equal(play_scene_set(kept, POOL).distance, play_scene_set(policy, POOL).distance)
+    np.testing.assert_array_equal(
+        play_scene_set(kept, POOL).distance, play_scene_set(policy, POOL).distance
+    )
 
 
 def test_exploration_learns_to_guess_what_was_not_seen():
     pool = tiny_pool(8, (10, 10), seed=1, blocked=0.5)
-    config = ExplorerConfig(robots=16, n_steps=2, learning_rate=5e-3, patch_radius=2, total_timesteps=10_000)
+    config = ExplorerConfig(
+        robots=16, n_steps=2, learning_rate=5e-3, patch_radius=2, total_timesteps=10_000
+    )
     torch.manual_seed(0)
     teacher = Dagger(config, ExplorerNetwork(8), np.random.default_rng(0))
     seen = [teacher.update(pool, 0.0) for _ in range(80)]
     assert all(steps % 16 == 0 and 16 <= steps <= 48 for steps, _ in seen)
-    early, late = (np.mean([each["guess_error"] for _, each in some]) for some in (seen[:10], seen[-10:]))
+    early, late = (
+        np.mean([each["guess_error"] for _, each in some]) for some in (seen[:10], seen[-10:])
+    )
     assert late < 0.9 * early
     assert {"detour", "guess_error"} == set(seen[0][1])
 
@@ -263,12 +281,16 @@ def test_robots_of_an_expedition_move_as_the_environment_says():
         ends += int(arrival.is_over.sum())
         fresh = np.flatnonzero(arrival.is_over)
         assert (robots.steps[fresh] == 0).all()
-        assert (np.isfinite(margin.numpy()[fresh]).sum(axis=(1, 2)) <= 9).all()  # it knows what it sees
+        assert (
+            np.isfinite(margin.numpy()[fresh]).sum(axis=(1, 2)) <= 9
+        ).all()  # it knows what it sees
     assert ends > 10
 
 
 def ppo(**more):
-    config = ExplorerPpoConfig(robots=12, n_plans=3, plan_steps=4, patch_radius=2, width=8, total_timesteps=1, **more)
+    config = ExplorerPpoConfig(
+        robots=12, n_plans=3, plan_steps=4, patch_radius=2, width=8, total_timesteps=1, **more
+    )
     torch.manual_seed(0)
     return config.teacher(config.build_network(), np.random.default_rng(0))
 
@@ -300,7 +322,10 @@ def test_rewards_of_an_episode_are_the_environments():
 def test_advantages_are_those_of_the_returns_where_lambda_is_one():
     rng = np.random.default_rng(0)
     rewards, values = rng.normal(size=(2, 7, 3)).astype(np.float32)
-    last, not_done = rng.normal(size=3).astype(np.float32), (rng.random((7, 3)) < 0.7).astype(np.float32)
+    last, not_done = (
+        rng.normal(size=3).astype(np.float32),
+        (rng.random((7, 3)) < 0.7).astype(np.float32),
+    )
     ahead = np.concatenate([values[1:], last[None]])
     found = generalized_advantages(rewards + 0.9 * not_done * ahead - values, not_done, 0.9)
     following = last
@@ -311,7 +336,10 @@ def test_advantages_are_those_of_the_returns_where_lambda_is_one():
 
 def test_loss_of_a_policy_that_has_not_changed_is_that_of_the_policy_gradient():
     torch.manual_seed(1)
-    logits, config = torch.randn(50, 8, requires_grad=True), ExplorerPpoConfig(ent_coef=0.0, vf_coef=0.0)
+    logits, config = (
+        torch.randn(50, 8, requires_grad=True),
+        ExplorerPpoConfig(ent_coef=0.0, vf_coef=0.0),
+    )
     rng = np.random.default_rng(1)
     actions, advantage = rng.integers(8, size=50), torch.randn(50)
     now = logits.log_softmax(dim=-1)
@@ -327,7 +355,9 @@ def test_loss_of_a_policy_that_has_not_changed_is_that_of_the_policy_gradient():
 def test_drawn_actions_have_the_probabilities():
     rng = np.random.default_rng(0)
     probabilities = rng.dirichlet(np.ones(8)).astype(np.float32)
-    drawn = sample_actions(np.tile(probabilities, (40_000, 1)), rng.random(40_000, dtype=np.float32))
+    drawn = sample_actions(
+        np.tile(probabilities, (40_000, 1)), rng.random(40_000, dtype=np.float32)
+    )
     np.testing.assert_allclose(np.bincount(drawn, minlength=8) / 40_000, probabilities, atol=0.01)
 
 
@@ -344,7 +374,12 @@ def trap() -> SceneSet:
 def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
     pool = trap()
     config = ExplorerPpoConfig(
-        robots=16, n_plans=4, patch_radius=2, random_start=0.7, total_timesteps=4_000, learning_rate=4e-3
+        robots=16,
+        n_plans=4,
+        patch_radius=2,
+        random_start=0.7,
+        total_timesteps=4_000,
+        learning_rate=4e-3,
     )
     torch.manual_seed(0)
     teacher, taken = config.teacher(config.build_network(), np.random.default_rng(0)), 0
@@ -387,5 +422,7 @@ def test_local_features_tell_feasible_cells_and_the_way_to_the_goal():
     np.testing.assert_array_equal(features[: len(seen)], seen)
     np.testing.assert_array_equal(features[len(seen) : len(seen) + 9], seen[:9] >= 0)
     offset = (POOL.goal[2] - POOL.start[2]) / POOL.shape * FRAME
-    np.testing.assert_allclose(features[len(seen) + 9 :][:2], offset / np.linalg.norm(offset), rtol=1e-5)
+    np.testing.assert_allclose(
+        features[len(seen) + 9 :][:2], offset / np.linalg.norm(offset), rtol=1e-5
+    )
     np.testing.assert_allclose(features[-2:], offset / 40.0, rtol=1e-5)

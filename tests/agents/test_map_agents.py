@@ -42,7 +42,9 @@ SMALL = {
     "unet": UNetConfig(total_scenes=24, batch_scenes=4, width=8, passes=2),
     "vin": VinConfig(total_scenes=24, batch_scenes=4, rounds=5, width=8),
     "planner_ppo": PlannerPpoConfig(total_timesteps=256, scenes=2, robots=4, n_steps=8),
-    "unet_ppo": UNetPpoConfig(total_timesteps=256, scenes=2, robots=4, n_steps=8, width=8, passes=2),
+    "unet_ppo": UNetPpoConfig(
+        total_timesteps=256, scenes=2, robots=4, n_steps=8, width=8, passes=2
+    ),
 }
 
 
@@ -64,7 +66,9 @@ def goals(pool):
 
 
 def oracle_logits(pool):
-    return np.where(optimal_moves(pool.distance_to_go, pool.cell_size), 0.0, -1e4).astype(np.float32)
+    return np.where(optimal_moves(pool.distance_to_go, pool.cell_size), 0.0, -1e4).astype(
+        np.float32
+    )
 
 
 def learn(config, pool=POOL, seed=0):
@@ -101,7 +105,9 @@ def test_way_through_a_labyrinth_is_found_whatever_its_length():
     for wall in range(1, 21, 2):
         free[wall] = False
         free[wall, 0 if wall % 4 == 1 else -1] = True
-    costs = torch.from_numpy(np.where(legal_moves(free), MOVE_LENGTHS, 1e4).transpose(2, 0, 1))[None]
+    costs = torch.from_numpy(np.where(legal_moves(free), MOVE_LENGTHS, 1e4).transpose(2, 0, 1))[
+        None
+    ]
     is_goal = torch.zeros(1, 21, 21, dtype=torch.bool)
     is_goal[0, 20, 20] = True
     assert 190 < plan(costs, is_goal).to_go[0, 0, 20] < 240
@@ -226,7 +232,10 @@ def test_loss_has_a_finite_gradient():
 
 def test_episodes_of_a_pool_equal_those_followed_step_by_step():
     pool = tiny_pool(40, seed=5)
-    logits = np.random.default_rng(0).normal(size=(40, 8, 9, 7)).astype(np.float32) + oracle_logits(pool) / 5e3
+    logits = (
+        np.random.default_rng(0).normal(size=(40, 8, 9, 7)).astype(np.float32)
+        + oracle_logits(pool) / 5e3
+    )
     episodes = follow(logits, pool, max_steps=60)
     for n in range(40):
         cell, distance = tuple(pool.start[n].tolist()), 0.0
@@ -240,7 +249,9 @@ def test_episodes_of_a_pool_equal_those_followed_step_by_step():
         is_success = cell == tuple(pool.goal[n].tolist())
         assert episodes.is_success[n] == is_success
         assert episodes.distance[n] == pytest.approx(distance)
-        assert episodes.spl[n] == pytest.approx(pool.oracle_distance[n] / distance if is_success else 0.0)
+        assert episodes.spl[n] == pytest.approx(
+            pool.oracle_distance[n] / distance if is_success else 0.0
+        )
     assert 0 < episodes.is_success.mean() < 1
     assert episodes.ratio >= 1.0
 
@@ -256,7 +267,9 @@ def observation(pool, scene, cell):
 @pytest.fixture
 def policy():
     torch.manual_seed(0)
-    policy = MapPolicy("planner", {"encoding": "mask", "width": 4}, build_network("planner", {"width": 4}))
+    policy = MapPolicy(
+        "planner", {"encoding": "mask", "width": 4}, build_network("planner", {"width": 4})
+    )
     policy.calls = []
     policy.network.register_forward_hook(lambda _, given, __: policy.calls.append(len(given[0])))
     return policy
@@ -266,7 +279,9 @@ def test_policy_asks_its_network_once_for_each_map_and_goal(policy):
     for cell in [(0, 0), (3, 4), (8, 6)]:
         policy.predict(observation(POOL, 0, cell), deterministic=True)
     assert policy.calls == [1]
-    policy.predict(np.stack([observation(POOL, scene, (1, 1)) for scene in (0, 1, 2, 1)]), deterministic=True)
+    policy.predict(
+        np.stack([observation(POOL, scene, (1, 1)) for scene in (0, 1, 2, 1)]), deterministic=True
+    )
     assert policy.calls == [1, 2]
     policy.predict(observation(tiny_pool(1, (5, 6)), 0, (1, 1)), deterministic=True)
     assert policy.calls == [1, 2, 1]
@@ -291,7 +306,9 @@ def test_policy_chooses_what_the_network_likes_best_in_the_robots_cell(policy):
 def test_policy_draws_moves_as_likely_as_the_network_says(policy):
     seen = np.repeat(observation(POOL, 0, (3, 3))[None], 4000, axis=0)
     actions, _ = policy.predict(seen)
-    likely = torch.from_numpy(plan_scene_set(policy.network, POOL)[0, :, 3, 3]).softmax(dim=0).numpy()
+    likely = (
+        torch.from_numpy(plan_scene_set(policy.network, POOL)[0, :, 3, 3]).softmax(dim=0).numpy()
+    )
     np.testing.assert_allclose(np.bincount(actions, minlength=8) / 4000, likely, atol=0.03)
 
 
@@ -301,7 +318,9 @@ def test_network_is_kept_without_pickles_and_comes_back_the_same(algorithm):
     file = BytesIO()
     learner.save(file)
     kept = read_network(file.getvalue())
-    np.testing.assert_array_equal(plan_scene_set(kept.network, POOL), plan_scene_set(learner.teacher.network, POOL))
+    np.testing.assert_array_equal(
+        plan_scene_set(kept.network, POOL), plan_scene_set(learner.teacher.network, POOL)
+    )
     assert pack_network(*unpack_network(file.getvalue())) == file.getvalue()
 
 
@@ -345,9 +364,13 @@ def test_imitation_sees_each_scene_once_before_any_a_second_time(monkeypatch):
     config = PlannerConfig(total_scenes=12, batch_scenes=2)
     learner = config.build(POOL, 0)
     draw = learner.teacher._draw
-    monkeypatch.setattr(learner.teacher, "_draw", lambda scenes: seen.append(draw(scenes)) or seen[-1])
+    monkeypatch.setattr(
+        learner.teacher, "_draw", lambda scenes: seen.append(draw(scenes)) or seen[-1]
+    )
     learner.learn(12, Nothing())
-    assert [sorted(np.concatenate(seen[n : n + 3]).tolist()) for n in (0, 3)] == [list(range(6))] * 2
+    assert [sorted(np.concatenate(seen[n : n + 3]).tolist()) for n in (0, 3)] == [
+        list(range(6))
+    ] * 2
 
 
 def test_planner_learns_the_way_on_maps_of_another_size_by_imitation():
@@ -360,7 +383,9 @@ def test_planner_learns_the_way_on_maps_of_another_size_by_imitation():
 def test_planner_learns_the_way_by_ppo_alone():
     pool = tiny_pool(64, (10, 10))
     config = PlannerPpoConfig(total_timesteps=60_000, scenes=8, robots=16)
-    before, after = (play_scene_set(each.policy, pool) for each in (config.build(pool, 0), learn(config, pool)))
+    before, after = (
+        play_scene_set(each.policy, pool) for each in (config.build(pool, 0), learn(config, pool))
+    )
     assert after.spl.mean() > before.spl.mean() + 0.1
 
 
@@ -373,7 +398,9 @@ def test_rules_of_ppo_are_those_of_the_environment_in_cells():
             ni, nj = i + di, j + dj
             is_legal = 0 <= ni < columns and 0 <= nj < rows and POOL.feasible[scene, ni, nj]
             end = (ni, nj) if is_legal else (i, j)
-            assert rules.ahead[flat, move] == np.ravel_multi_index((scene, *end), (len(POOL), columns, rows))
+            assert rules.ahead[flat, move] == np.ravel_multi_index(
+                (scene, *end), (len(POOL), columns, rows)
+            )
             is_goal = is_legal and end == tuple(POOL.goal[scene].tolist())
             assert rules.is_over[flat, move] == is_goal
             nearer = rules.octile[flat] - rules.octile[rules.ahead[flat, move]]

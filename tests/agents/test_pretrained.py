@@ -1,4 +1,6 @@
-"""Facts of pretrained models: they do what their manifest says, and nothing else is loaded in their place."""
+"""Facts of pretrained models: they do what their manifest says, and nothing else is loaded in their
+place.
+"""
 
 import json
 import shutil
@@ -48,16 +50,22 @@ def models(tmp_path) -> Path:
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.file)
 def test_model_scores_what_its_manifest_says(entry):
-    given = {name: getattr(entry.task, name) for name in ("target_db", "phase_bits", "irs_elements")}
+    given = {
+        name: getattr(entry.task, name) for name in ("target_db", "phase_bits", "irs_elements")
+    }
     pretrained = load_pretrained(entry.config.algorithm, **given)
     assert pretrained.entry == entry
     assert PretrainedScore.of(pretrained.play()) == entry.score
-    assert entry.score.oracle_distance == pytest.approx(pretrained.make_env().unwrapped.oracle.distance, abs=1e-9)
+    assert entry.score.oracle_distance == pytest.approx(
+        pretrained.make_env().unwrapped.oracle.distance, abs=1e-9
+    )
     assert (MODELS / entry.file).stat().st_size < 600_000
 
 
 def test_every_model_of_one_task_takes_a_shortest_path():
-    assert {(entry.score.is_success, round(entry.score.ratio, 9)) for entry in ENTRIES} == {(True, 1.0)}
+    assert {(entry.score.is_success, round(entry.score.ratio, 9)) for entry in ENTRIES} == {
+        (True, 1.0)
+    }
 
 
 def test_a_pretrained_ppo_draws_its_moves_unless_it_is_asked_for_the_likeliest():
@@ -71,7 +79,9 @@ def test_a_pretrained_ppo_draws_its_moves_unless_it_is_asked_for_the_likeliest()
 
 def test_package_hands_out_the_loader_without_importing_torch():
     code = "import agents, sys; assert 'torch' not in sys.modules; print(agents.load_pretrained.__name__)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "load_pretrained"
 
 
@@ -110,26 +120,36 @@ def test_what_there_is_not_is_answered_with_what_there_is():
 
 
 def test_model_of_another_observation_is_refused():
-    assert load_pretrained("ppo", target_db=-61.8, observation="flat").entry.task.observation == "flat"
+    assert (
+        load_pretrained("ppo", target_db=-61.8, observation="flat").entry.task.observation == "flat"
+    )
     with pytest.raises(PretrainedError, match="observation='flat', not 'dict'"):
         load_pretrained("ppo", target_db=-61.8, observation="dict")
     with pytest.raises(TypeError, match="got an unexpected keyword argument 'targets'"):
         load_pretrained("ppo", targets=-61.8)
 
 
-@pytest.mark.parametrize("damage", ['{"format_version": 1, "models": [{}]}', '{"mo', '{"format_version": 2}'])
+@pytest.mark.parametrize(
+    "damage", ['{"format_version": 1, "models": [{}]}', '{"mo', '{"format_version": 2}']
+)
 def test_damaged_manifest_is_named(models, damage):
     (models / "manifest.json").write_text(damage)
     with pytest.raises(PretrainedError, match=r"manifest\.json' is damaged"):
         load_pretrained("ppo", folder=models)
 
 
-def save_run(folder: Path, algorithm: str, seed: int, task: Task = TASK, *, east=False, steps=100, **settings) -> Run:
+def save_run(
+    folder: Path, algorithm: str, seed: int, task: Task = TASK, *, east=False, steps=100, **settings
+) -> Run:
     """A complete run of an agent that has learned nothing, or to go east, after so many steps."""
-    config = Config(algorithm=algorithm, seed=seed, env=arguments_of(task), agent=settings, training={})
+    config = Config(
+        algorithm=algorithm, seed=seed, env=arguments_of(task), agent=settings, training={}
+    )
     run = Run.create(folder, config)
     env = IrsNavVecEnv(2, **arguments_of(run.task))
-    model = model_class(algorithm)("MlpPolicy", env, policy_kwargs=dict(settings), seed=seed, device="cpu")
+    model = model_class(algorithm)(
+        "MlpPolicy", env, policy_kwargs=dict(settings), seed=seed, device="cpu"
+    )
     if east:
         model.policy.action_net.bias.data[0] += 100.0
     episode = roll_out(model, evaluation_env(run.task))
@@ -160,11 +180,17 @@ def test_kept_policy_acts_as_the_one_that_was_trained(tmp_path, algorithm, setti
     write_models(tmp_path / "models", [entry], {"it.npz": content})
     kept = load_pretrained(algorithm, folder=tmp_path / "models")
     assert PretrainedScore.of(kept.play()) == score
-    observations = np.random.default_rng(0).uniform(-1, 1, (500, *kept.policy.observation_space.shape))
+    observations = np.random.default_rng(0).uniform(
+        -1, 1, (500, *kept.policy.observation_space.shape)
+    )
     actions, _ = kept.predict(observations.astype(np.float32), deterministic=True)
-    assert np.array_equal(actions, model.predict(observations.astype(np.float32), deterministic=True)[0])
+    assert np.array_equal(
+        actions, model.predict(observations.astype(np.float32), deterministic=True)[0]
+    )
     assert len(set(actions.tolist())) > 1
-    wrong = entry.model_copy(update={"config": run.config.model_copy(update={"agent": {"net_arch": [3]}})})
+    wrong = entry.model_copy(
+        update={"config": run.config.model_copy(update={"agent": {"net_arch": [3]}})}
+    )
     write_models(tmp_path / "models", [wrong], {})
     with pytest.raises(PretrainedError, match="does not fit its configuration"):
         load_pretrained(algorithm, folder=tmp_path / "models")
@@ -173,31 +199,48 @@ def test_kept_policy_acts_as_the_one_that_was_trained(tmp_path, algorithm, setti
 def test_best_run_of_each_problem_is_kept(monkeypatch, capsys, tmp_path):
     near = replace(TASK, goal=(2, 20))  # two moves to the east
     for seed, steps in enumerate([50, 300, 200]):
-        save_run(tmp_path / f"runs/{seed}", "ppo", seed, near, east=seed > 0, steps=steps, net_arch=[8])
+        save_run(
+            tmp_path / f"runs/{seed}", "ppo", seed, near, east=seed > 0, steps=steps, net_arch=[8]
+        )
     (tmp_path / "runs/broken").mkdir()
     (tmp_path / "runs/broken/config.json").write_text("{}")
     assert call(monkeypatch, "pretrain", tmp_path / "runs", "--out", tmp_path / "models") == 0
     assert "broken" in capsys.readouterr().err
     (entry,) = Models.read(tmp_path / "models").models
-    assert (entry.config.seed, entry.chosen_among, entry.score.ratio, entry.steps) == (2, 3, 1.0, 200)
+    assert (entry.config.seed, entry.chosen_among, entry.score.ratio, entry.steps) == (
+        2,
+        3,
+        1.0,
+        200,
+    )
     # Models of other problems stay when more are kept, and one of the same is replaced.
     other = replace(near, target_db=-63.0)
     save_run(tmp_path / "more/0", "ppo", 0, other, east=True, net_arch=[8])
     assert call(monkeypatch, "pretrain", tmp_path / "more", "--out", tmp_path / "models") == 0
     assert call(monkeypatch, "pretrain", tmp_path / "more", "--out", tmp_path / "models") == 0
-    assert [each.problem.target_db for each in Models.read(tmp_path / "models").models] == [-63.0, -61.8]
+    assert [each.problem.target_db for each in Models.read(tmp_path / "models").models] == [
+        -63.0,
+        -61.8,
+    ]
 
 
 def test_nothing_is_kept_of_runs_that_failed(monkeypatch, capsys, tmp_path):
     save_run(tmp_path / "runs/0", "ppo", 0, net_arch=[8])
     assert call(monkeypatch, "pretrain", tmp_path / "runs", "--out", tmp_path / "models") == 2
     assert "reached the goal" in capsys.readouterr().err
-    assert call(monkeypatch, "pretrain", tmp_path / "runs", "--algorithms", "q_learning") == 2  # it has no network
+    assert (
+        call(monkeypatch, "pretrain", tmp_path / "runs", "--algorithms", "q_learning") == 2
+    )  # it has no network
     assert not (tmp_path / "models").exists()
 
 
 def test_problems_are_equal_where_their_optimum_is(tmp_path):
-    same = [Task(), Task(irs_elements=1200), Task(quantiser="optimal"), Task(random_start=True, observation="map")]
+    same = [
+        Task(),
+        Task(irs_elements=1200),
+        Task(quantiser="optimal"),
+        Task(random_start=True, observation="map"),
+    ]
     assert len({problem_of(task) for task in same}) == 1
     load_scene("paper").save(tmp_path / "copy.json")
     assert problem_of(Task(scene=tmp_path / "copy.json")) == problem_of(Task())
@@ -217,7 +260,9 @@ def test_problems_are_equal_where_their_optimum_is(tmp_path):
     problems = [problem_of(task) for task in [Task(), *others]]
     for names in (problems, [each.label for each in problems], [each.slug for each in problems]):
         assert len(set(names)) == len(problems)
-    assert problem_of(Task(irs_elements=0, phase_bits=1)) == problem_of(Task(irs_elements=0, quantiser="optimal"))
+    assert problem_of(Task(irs_elements=0, phase_bits=1)) == problem_of(
+        Task(irs_elements=0, quantiser="optimal")
+    )
     assert problem_of(Task(phase_bits=1)).label == "-61.8 dB, 1 bit"
     assert problem_of(Task(irs_elements=0, target_db=-62.5)).slug == "62.5dB-without-IRS"
 
@@ -227,7 +272,9 @@ def test_policy_is_watched_in_the_terminal_and_as_a_gif(monkeypatch, capsys, tmp
     said = capsys.readouterr().out
     assert "R|" in said  # the robot is at the goal, by the wall
     assert "reached the goal after 23.228 m" in said
-    assert call(monkeypatch, "watch", "oracle", "--target-db", -63, "--gif", tmp_path / "it.gif") == 0
+    assert (
+        call(monkeypatch, "watch", "oracle", "--target-db", -63, "--gif", tmp_path / "it.gif") == 0
+    )
     with Image.open(tmp_path / "it.gif") as film:
         assert film.n_frames > 30
     run = save_run(tmp_path / "run", "ppo", 0, net_arch=[8])
@@ -284,7 +331,9 @@ def test_generalist_is_small_and_acts_in_scenes_of_its_own(entry):
 def test_generalist_scores_what_its_manifest_says():
     pretrained = load_pretrained("planner")
     env = pretrained.entry.config.env
-    episodes = play_scene_set(pretrained.policy, build_scene_set(env["test_split"], env["test_scenes"], progress=False))
+    episodes = play_scene_set(
+        pretrained.policy, build_scene_set(env["test_split"], env["test_scenes"], progress=False)
+    )
     assert episodes.is_success.mean() == pretrained.entry.success
     assert episodes.spl.mean() == pytest.approx(pretrained.entry.spl, abs=1e-4)
     assert pretrained.entry.success >= 0.995

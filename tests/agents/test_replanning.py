@@ -1,4 +1,6 @@
-"""Facts of optimistic replanning: what it knows, and that nobody could plan better with what it has seen."""
+"""Facts of optimistic replanning: what it knows, and that nobody could plan better with what it has
+seen.
+"""
 
 import gymnasium
 import networkx
@@ -15,7 +17,8 @@ ID, RANDOM_ID = "irs_gym:IrsNav-v0", "irs_gym:IrsNavRandom-v0"
 POOL = tiny_pool(30, (9, 7), seed=2, blocked=0.6)
 B = -np.inf  # an obstacle
 
-# A wall from the ceiling down to the last row but one, and a shelf, so that the way up is no way out.
+# A wall from the ceiling down to the last row but one, and a shelf, so that the way up is no way
+# out.
 DEAD_END = [
     [0, 0, 0, 0, B, 0, 0],
     [0, 0, B, B, B, 0, 0],
@@ -34,7 +37,8 @@ def floor(rows, **arguments) -> gymnasium.Env:
 
 def test_it_walks_into_a_dead_end_that_it_cannot_see_and_out_again():
     env = floor(DEAD_END, start=(0, 3), goal=(6, 3), patch_radius=1)
-    # East while the wall is out of sight; down as the shelf bars the way up; of two last moves equally good the first.
+    # East while the wall is out of sight; down as the shelf bars the way up; of two last moves
+    # equally good the first.
     expected = [(0, 3), (1, 3), (2, 3), (3, 3), (3, 2), (3, 1), (4, 0), (5, 1), (6, 2), (6, 3)]
     episode = roll_out(replanning(env), env)
     assert episode.path.tolist() == [list(cell) for cell in expected]
@@ -43,16 +47,26 @@ def test_it_walks_into_a_dead_end_that_it_cannot_see_and_out_again():
 
 
 def test_with_the_whole_map_in_view_it_is_the_oracle():
-    for arguments in ({"patch_radius": 40}, {"observation": "flat", "patch_radius": 39}, {"observation": "map"}):
+    for arguments in (
+        {"patch_radius": 40},
+        {"observation": "flat", "patch_radius": 39},
+        {"observation": "map"},
+    ):
         env = gymnasium.make(ID, target_db=-61.0, **arguments)
         for start in (None, (20, 36)):
             options = {"start": start} if start else None
-            ours, best = (roll_out(make(env), env, options=options) for make in (replanning, oracle))
+            ours, best = (
+                roll_out(make(env), env, options=options) for make in (replanning, oracle)
+            )
             assert ours.path.tolist() == best.path.tolist()
 
 
-@pytest.mark.parametrize(("observation", "radius"), [("dict", 1), ("flat", 2), ("dict", 3), ("map", 1)])
-def test_each_move_begins_a_shortest_path_over_what_it_has_not_seen_to_be_infeasible(observation, radius):
+@pytest.mark.parametrize(
+    ("observation", "radius"), [("dict", 1), ("flat", 2), ("dict", 3), ("map", 1)]
+)
+def test_each_move_begins_a_shortest_path_over_what_it_has_not_seen_to_be_infeasible(
+    observation, radius
+):
     env = gymnasium.make(RANDOM_ID, scenes=POOL, observation=observation, patch_radius=radius)
     policy, optimal = replanning(env), 0
     for number in range(len(POOL)):
@@ -70,7 +84,9 @@ def test_each_move_begins_a_shortest_path_over_what_it_has_not_seen_to_be_infeas
             hoped[near] = POOL.feasible[number][near]
             to_go = lengths(hoped, tuple(POOL.goal[number].tolist()))
             step = np.flatnonzero((after - cell == MOVES).all(axis=1))[0]
-            assert MOVE_LENGTHS[step] + to_go[tuple(after.tolist())] == pytest.approx(to_go[tuple(cell.tolist())])
+            assert MOVE_LENGTHS[step] + to_go[tuple(after.tolist())] == pytest.approx(
+                to_go[tuple(cell.tolist())]
+            )
     assert (optimal == len(POOL)) == (observation == "map")
 
 
@@ -95,7 +111,9 @@ def test_a_robot_that_sees_no_neighbours_learns_from_refusals():
 def test_batches_act_as_single_robots_do_each_with_a_memory_of_its_own():
     kwargs = {"scenes": POOL, "observation": "flat", "patch_radius": 1}
     env = gymnasium.make(RANDOM_ID, **kwargs)
-    expected = [roll_out(replanning(env), env, options={"scene_id": n}).path.tolist() for n in range(6)]
+    expected = [
+        roll_out(replanning(env), env, options={"scene_id": n}).path.tolist() for n in range(6)
+    ]
     batch = gymnasium.make_vec(RANDOM_ID, num_envs=6, autoreset_mode="SameStep", **kwargs)
     policy, state, starts, walked = replanning(batch), None, np.ones(6, dtype=bool), {}
     observation, _ = batch.reset(options={"scene_id": list(range(6))})

@@ -82,7 +82,10 @@ def test_model_with_one_changed_byte_is_not_loaded(run, models):
     content = bytearray(model_file(run).read_bytes())
     content[len(content) // 2] ^= 1
     model_file(run).write_bytes(content)
-    with pytest.raises(RunError, match=r"best-8\.npz' is not loaded: its SHA-256 is [0-9a-f]{64}, and [0-9a-f]{64} in"):
+    with pytest.raises(
+        RunError,
+        match=r"best-8\.npz' is not loaded: its SHA-256 is [0-9a-f]{64}, and [0-9a-f]{64} in",
+    ):
         run.load_model()
 
 
@@ -114,7 +117,9 @@ def test_manifest_cannot_name_a_file_outside_its_folder(run, models):
         run.load_model()
 
 
-@pytest.mark.parametrize(("name", "reason"), [("manifest.json", "is damaged"), ("config.json", "is not loaded")])
+@pytest.mark.parametrize(
+    ("name", "reason"), [("manifest.json", "is damaged"), ("config.json", "is not loaded")]
+)
 def test_damaged_records_are_refused_by_name(run, name, reason):
     path = run.folder / name
     path.write_text(path.read_text()[: path.stat().st_size // 2])
@@ -145,15 +150,23 @@ def test_edited_configuration_is_refused_by_name_with_both_hashes(run):
     change_file(run, "config.json", '"seed": 0', '"seed": 1', is_listed=False)
     found = sha256((run.folder / "config.json").read_bytes()).hexdigest()
     for read in (Run.open, lambda folder: Run(folder).config, lambda folder: Run(folder).task):
-        with pytest.raises(RunError, match=rf"config\.json'.*SHA-256 is {found}, and {listed} in the manifest"):
+        with pytest.raises(
+            RunError, match=rf"config\.json'.*SHA-256 is {found}, and {listed} in the manifest"
+        ):
             read(run.folder)
 
 
-@pytest.mark.parametrize(("name", "argument"), [("scene.json", "scene"), ("radio_map.npz", "radio_map")])
+@pytest.mark.parametrize(
+    ("name", "argument"), [("scene.json", "scene"), ("radio_map.npz", "radio_map")]
+)
 def test_edited_copy_of_a_scene_or_map_is_refused_by_name(tmp_path, name, argument):
     given = {"scene": load_scene("paper").model_copy(update={"name": "mine"})}
     if argument == "radio_map":
-        given = {"radio_map": RadioMap.from_array(np.zeros((2, 3)), 1.0), "start": (0, 0), "goal": (1, 1)}
+        given = {
+            "radio_map": RadioMap.from_array(np.zeros((2, 3)), 1.0),
+            "start": (0, 0),
+            "goal": (1, 1),
+        }
     run = Run.create(tmp_path / "run", config(Task(**given)))
     path = run.folder / name
     path.write_bytes(path.read_bytes() + b"\n")
@@ -165,7 +178,9 @@ def test_run_names_no_scene_outside_its_folder(run, tmp_path):
     load_scene("paper").save(tmp_path / "elsewhere.json")
     elsewhere = json.dumps(str(tmp_path / "elsewhere.json"))
     change_file(run, "config.json", '"scene": "paper"', f'"scene": {elsewhere}', is_listed=True)
-    with pytest.raises(RunError, match=r"config\.json': scene='.*elsewhere\.json' is not in the folder"):
+    with pytest.raises(
+        RunError, match=r"config\.json': scene='.*elsewhere\.json' is not in the folder"
+    ):
         Run.open(run.folder)
 
 
@@ -177,7 +192,10 @@ def test_model_of_an_older_version_is_refused_by_name(run, models):
         Run.open(run.folder)
     run = Run.create(run.folder, config(), overwrite=True)
     run.update(files={})
-    with pytest.raises(RunError, match=r"config\.json' is not read: the manifest holds no SHA-256 of it; train anew"):
+    with pytest.raises(
+        RunError,
+        match=r"config\.json' is not read: the manifest holds no SHA-256 of it; train anew",
+    ):
         Run.open(run.folder)
 
 
@@ -270,7 +288,10 @@ def test_live_run_is_not_replaced_by_whatever_name(run, tmp_path):
         assert (tmp_path / ".run.lock").is_file()
         with pytest.raises(LockedError, match="run' is being trained by another process"):
             Run.create(run.folder, config(), overwrite=True)
-        with pytest.raises(LockedError, match="link' is being trained"), Run(tmp_path / "link").locked():
+        with (
+            pytest.raises(LockedError, match="link' is being trained"),
+            Run(tmp_path / "link").locked(),
+        ):
             pass
     Run.create(run.folder, config(), overwrite=True)
     assert not (tmp_path / ".run.lock").exists()
@@ -340,10 +361,16 @@ def test_only_what_dead_processes_left_is_removed(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "config.json").write_text("{}")
     Run.create(tmp_path / "run", config())
-    assert sorted(each.name for each in tmp_path.iterdir()) == [".other.123", ".run.12x", "run", "run.123"]
+    assert sorted(each.name for each in tmp_path.iterdir()) == [
+        ".other.123",
+        ".run.12x",
+        "run",
+        "run.123",
+    ]
 
 
-# Each time in a child of its own, which dies before its first, second ... change to a file, as by SIGKILL.
+# Each time in a child of its own, which dies before its first, second ... change to a file, as by
+# SIGKILL.
 REPLACE = """
 import os, sys
 from pathlib import Path
@@ -387,6 +414,10 @@ assert (status, kills > 8) == (0, True), kills
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork there")
 def test_replacing_a_run_works_again_after_a_kill_at_any_change_of_a_file(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-c", REPLACE, tmp_path / "run"], cwd=ROOT, capture_output=True, text=True, check=False
+        [sys.executable, "-c", REPLACE, tmp_path / "run"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr

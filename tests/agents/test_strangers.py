@@ -1,4 +1,6 @@
-"""Facts of what others hand on: nothing in a run folder is run, but the checkpoint of one that the user trusts."""
+"""Facts of what others hand on: nothing in a run folder is run, but the checkpoint of one that the
+user trusts.
+"""
 
 import json
 import os
@@ -48,7 +50,10 @@ def as_array_of_objects(harm: Path) -> bytes:
 def as_model_of_stable_baselines(harm: Path) -> bytes:
     content = BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
-        serialized = {":type:": "Malice", ":serialized:": b64encode(pickle.dumps(Malice(harm))).decode()}
+        serialized = {
+            ":type:": "Malice",
+            ":serialized:": b64encode(pickle.dumps(Malice(harm))).decode(),
+        }
         archive.writestr("data", json.dumps({"policy_class": serialized}))
     return content.getvalue()
 
@@ -66,7 +71,9 @@ def here(monkeypatch, tmp_path: Path) -> None:
 
 
 def replace_file(run: Run, name: str, content: bytes) -> None:
-    """Put another content in place of a file, with its SHA-256 in the manifest, as whoever made the run could."""
+    """Put another content in place of a file, with its SHA-256 in the manifest, as whoever made the
+    run could.
+    """
     (run.folder / name).write_bytes(content)
     digest = sha256(content).hexdigest()
     manifest = run.manifest
@@ -75,7 +82,8 @@ def replace_file(run: Run, name: str, content: bytes) -> None:
         for key, each in manifest.models.items()
     }
     checkpoints = tuple(
-        each.model_copy(update={"sha256": digest}) if each.file == name else each for each in manifest.checkpoints
+        each.model_copy(update={"sha256": digest}) if each.file == name else each
+        for each in manifest.checkpoints
     )
     files = {key: digest if key == name else each for key, each in manifest.files.items()}
     run.update(models=models, checkpoints=checkpoints, files=files)
@@ -83,7 +91,21 @@ def replace_file(run: Run, name: str, content: bytes) -> None:
 
 def train(folder: Path, tmp_path: Path, *words: object, algorithm: str = "ppo") -> Run:
     floor = open_floor(tmp_path)
-    assert call([algorithm, "--out", folder, *TINY[algorithm], "--agent.total-timesteps", 256, *floor, *words]) == 0
+    assert (
+        call(
+            [
+                algorithm,
+                "--out",
+                folder,
+                *TINY[algorithm],
+                "--agent.total-timesteps",
+                256,
+                *floor,
+                *words,
+            ]
+        )
+        == 0
+    )
     return Run.open(folder)
 
 
@@ -126,7 +148,9 @@ def test_no_file_of_a_strangers_run_is_run_by_any_command(tmp_path, monkeypatch,
     for number, target in enumerate(("model", "map", "all")):
         run = train(runs / target / "ppo", tmp_path, "--seed", number)
         models = [each.file for each in run.manifest.models.values()]
-        names = {"model": models, "map": ["radio_map.npz"], "all": [*models, "radio_map.npz"]}[target]
+        names = {"model": models, "map": ["radio_map.npz"], "all": [*models, "radio_map.npz"]}[
+            target
+        ]
         for name in names:
             replace_file(run, name, kind(harm))
         for name in ("unseen-test.npz", "best.zip", "checkpoint-1.pickle", "learning_curve.csv"):
@@ -149,14 +173,22 @@ def test_no_file_of_a_strangers_run_is_run_by_any_command(tmp_path, monkeypatch,
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("algorithm", ["planner", "map_ppo", "local_ppo", "recurrent_ppo", "explorer"])
+@pytest.mark.parametrize(
+    "algorithm", ["planner", "map_ppo", "local_ppo", "recurrent_ppo", "explorer"]
+)
 def test_no_model_over_many_scenes_is_run(tmp_path, monkeypatch, kind, algorithm):
     from train.config import GENERALIST_DEFAULTS, record_of
 
     run = Run.create(tmp_path / "runs" / algorithm, record_of(GENERALIST_DEFAULTS[algorithm]))
     content = kind(tmp_path / "harm")
     (run.folder / "best-8.npz").write_bytes(content)
-    entry = {"file": "best-8.npz", "sha256": sha256(content).hexdigest(), "steps": 8, "success": 1.0, "spl": 1.0}
+    entry = {
+        "file": "best-8.npz",
+        "sha256": sha256(content).hexdigest(),
+        "steps": 8,
+        "success": 1.0,
+        "spl": 1.0,
+    }
     manifest = json.loads((run.folder / "manifest.json").read_text())
     manifest |= {"models": {"best": entry}, "status": "finished"}
     (run.folder / "manifest.json").write_text(json.dumps(manifest))
@@ -216,7 +248,9 @@ def test_sweep_asks_for_trust_in_runs_made_elsewhere(tmp_path, monkeypatch):
     from train.plan import Plan
 
     file = tmp_path / "sweep.toml"
-    file.write_text(f'out = "{tmp_path / "runs"}"\nseeds = 1\nalgorithms = ["q_learning"]\n[settings.it]\n')
+    file.write_text(
+        f'out = "{tmp_path / "runs"}"\nseeds = 1\nalgorithms = ["q_learning"]\n[settings.it]\n'
+    )
     plan = Plan.load(file)
     (config,) = plan.configs()
     from train.config import record_of
@@ -233,7 +267,8 @@ def test_key_is_made_once_whoever_asks_and_only_its_owner_reads_it(tmp_path, mon
     code = "from agents.runs.signature import sign; print(sign(b'it'))"
     env = {**os.environ, "IRS_GYM_KEY": str(tmp_path / "settings" / "key")}
     started = [
-        subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, env=env, stdout=subprocess.PIPE) for _ in range(6)
+        subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, env=env, stdout=subprocess.PIPE)
+        for _ in range(6)
     ]
     assert len({each.communicate()[0] for each in started}) == 1
     assert [path.name for path in (tmp_path / "settings").iterdir()] == ["key"]
@@ -245,10 +280,17 @@ def test_key_is_made_once_whoever_asks_and_only_its_owner_reads_it(tmp_path, mon
 
 
 @pytest.mark.parametrize("fault", ["folder", "readable", "short", "home"])
-def test_without_a_key_runs_are_trained_and_resumed_with_trust(tmp_path, monkeypatch, capsys, fault):
+def test_without_a_key_runs_are_trained_and_resumed_with_trust(
+    tmp_path, monkeypatch, capsys, fault
+):
     key = tmp_path / "settings" / "key"
     monkeypatch.setenv("IRS_GYM_KEY", str(key))
-    said = {"folder": "ettings", "readable": "chmod 600", "short": "not a file of 32 bytes", "home": "no home"}[fault]
+    said = {
+        "folder": "ettings",
+        "readable": "chmod 600",
+        "short": "not a file of 32 bytes",
+        "home": "no home",
+    }[fault]
     if fault == "folder":
         key.parent.write_text("a file where the folder should be")
     elif fault == "home":
@@ -287,14 +329,18 @@ def zeros(shape: tuple[int, ...], **more: np.ndarray) -> bytes:
 def test_file_that_is_no_model_is_refused(tmp_path, algorithm, content, message):
     run = train(tmp_path / "run", tmp_path, algorithm=algorithm)
     replace_file(run, run.manifest.models["best"].file, content)
-    with pytest.raises(RunError, match=rf"best-\d+\.npz' is not loaded: .*({message}|not one table)"):
+    with pytest.raises(
+        RunError, match=rf"best-\d+\.npz' is not loaded: .*({message}|not one table)"
+    ):
         run.load_model()
 
 
 def test_header_that_lies_about_its_size_is_refused(tmp_path):
     run = train(tmp_path / "run", tmp_path)
     member = BytesIO()
-    np.lib.format.write_array_header_1_0(member, {"descr": "<f4", "fortran_order": False, "shape": (10**12,)})
+    np.lib.format.write_array_header_1_0(
+        member, {"descr": "<f4", "fortran_order": False, "shape": (10**12,)}
+    )
     content = BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("action_net.bias.npy", member.getvalue())
@@ -325,7 +371,9 @@ def test_pretrained_policies_of_sb3_over_many_scenes_are_arrays_too(tmp_path, mo
     from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
     from train.config import GENERALIST_DEFAULTS, record_of
 
-    env = IrsNavVecEnv(64, vector_env=IrsNavRandomVectorEnv, split="val", num_scenes=2, observation="flat")
+    env = IrsNavVecEnv(
+        64, vector_env=IrsNavRandomVectorEnv, split="val", num_scenes=2, observation="flat"
+    )
     default = GENERALIST_DEFAULTS["recurrent_ppo"]
     model = default.agent.build(env, seed=0)
     run = Run.create(tmp_path / "runs" / "it", record_of(default))

@@ -16,7 +16,13 @@ from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
 from irs_gym.envs.vector_nav import IrsNavVectorEnv
 
 ID, RANDOM_ID = "irs_gym:IrsNav-v0", "irs_gym:IrsNavRandom-v0"
-OFTEN = {"target_db": -62.2, "patch_radius": 2, "start": (30, 22), "goal": (33, 20), "random_start": 0.5}
+OFTEN = {
+    "target_db": -62.2,
+    "patch_radius": 2,
+    "start": (30, 22),
+    "goal": (33, 20),
+    "random_start": 0.5,
+}
 # over many scenes, small ones for the same reason
 OFTEN_RANDOM = {"scenes": tiny_pool(12, (9, 7)), "patch_radius": 2, "random_start": 0.5}
 
@@ -26,7 +32,9 @@ def dummy(n: int, **kwargs):
 
 
 def fast(n: int, **kwargs):
-    return IrsNavVecEnv(n, vector_env=IrsNavRandomVectorEnv if "scenes" in kwargs else IrsNavVectorEnv, **kwargs)
+    return IrsNavVecEnv(
+        n, vector_env=IrsNavRandomVectorEnv if "scenes" in kwargs else IrsNavVectorEnv, **kwargs
+    )
 
 
 def weights(model) -> np.ndarray:
@@ -34,9 +42,12 @@ def weights(model) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "observation", "steps"), [(OFTEN, "dict", 2000), (OFTEN, "flat", 2000), (OFTEN_RANDOM, "flat", 1000)]
+    ("arguments", "observation", "steps"),
+    [(OFTEN, "dict", 2000), (OFTEN, "flat", 2000), (OFTEN_RANDOM, "flat", 1000)],
 )
-def test_steps_rewards_dones_and_final_infos_equal_those_of_dummy_vec_env(arguments, observation, steps):
+def test_steps_rewards_dones_and_final_infos_equal_those_of_dummy_vec_env(
+    arguments, observation, steps
+):
     ours, theirs = (make(4, observation=observation, **arguments) for make in (fast, dummy))
     ours.seed(3), theirs.seed(3)
     same = np.testing.assert_array_equal
@@ -46,7 +57,10 @@ def test_steps_rewards_dones_and_final_infos_equal_those_of_dummy_vec_env(argume
     rng, ends = np.random.default_rng(0), 0
     for _ in range(steps):
         actions = rng.integers(0, 8, 4)
-        (obs, reward, done, infos), (obs2, reward2, done2, infos2) = ours.step(actions), theirs.step(actions)
+        (obs, reward, done, infos), (obs2, reward2, done2, infos2) = (
+            ours.step(actions),
+            theirs.step(actions),
+        )
         for mine, other in zip(parts(obs), parts(obs2), strict=True):
             same(mine, other)
         same(reward, reward2)
@@ -59,10 +73,20 @@ def test_steps_rewards_dones_and_final_infos_equal_those_of_dummy_vec_env(argume
                 assert {k: v for k, v in info["episode"].items() if k != "t"} == {
                     k: v for k, v in info2["episode"].items() if k != "t"
                 }
-                for key in ("is_success", "spl", "distance", "refused", "cost", "distance_to_go", "scene_id"):
+                for key in (
+                    "is_success",
+                    "spl",
+                    "distance",
+                    "refused",
+                    "cost",
+                    "distance_to_go",
+                    "scene_id",
+                ):
                     assert info.get(key) == info2.get(key), key
                 for mine, other in zip(
-                    parts(info["terminal_observation"]), parts(info2["terminal_observation"]), strict=True
+                    parts(info["terminal_observation"]),
+                    parts(info2["terminal_observation"]),
+                    strict=True,
                 ):
                     same(mine, other)
         for info, info2 in zip(ours.reset_infos, theirs.reset_infos, strict=True):
@@ -85,7 +109,9 @@ def test_training_equals_training_with_dummy_vec_env(algorithm, settings):
     trained = []
     for make in (IrsNavVecEnv, dummy):
         env = make(4, observation="flat", **OFTEN)
-        model = algorithm("MlpPolicy", env, seed=1, device="cpu", policy_kwargs={"net_arch": [16]}, **settings)
+        model = algorithm(
+            "MlpPolicy", env, seed=1, device="cpu", policy_kwargs={"net_arch": [16]}, **settings
+        )
         trained.append(weights(model.learn(600)))
     np.testing.assert_array_equal(*trained)
 
@@ -93,7 +119,9 @@ def test_training_equals_training_with_dummy_vec_env(algorithm, settings):
 def test_over_many_scenes_training_equals_training_with_dummy_vec_env_too():
     trained = []
     for make in (fast, dummy):
-        model = PPO("MultiInputPolicy", make(4, **OFTEN_RANDOM), 1e-3, 32, 64, 2, seed=1, device="cpu")
+        model = PPO(
+            "MultiInputPolicy", make(4, **OFTEN_RANDOM), 1e-3, 32, 64, 2, seed=1, device="cpu"
+        )
         trained.append(weights(model.learn(300)))
     np.testing.assert_array_equal(*trained)
 

@@ -1,4 +1,6 @@
-"""Facts of generated scenes: always feasible, of the sizes promised, graded by their detour, files like any other."""
+"""Facts of generated scenes: always feasible, of the sizes promised, graded by their detour, files
+like any other.
+"""
 
 import json
 from itertools import pairwise
@@ -70,7 +72,10 @@ def test_seven_of_ten_test_scenes_need_a_detour_over_5_percent():
 
 
 def test_every_hard_scene_needs_a_detour_over_20_percent():
-    assert min(draw_solved_scene(np.random.default_rng(seed), "hard").detour for seed in range(8)) > 1.2
+    assert (
+        min(draw_solved_scene(np.random.default_rng(seed), "hard").detour for seed in range(8))
+        > 1.2
+    )
 
 
 def test_easy_scenes_are_easier_than_those_of_the_default():
@@ -97,10 +102,20 @@ def test_access_point_and_panel_are_mounted_on_two_walls_and_stand_behind_no_box
     for scene in SCENES:
         (point,), (panel,), room = scene.access_points, scene.irs_panels, scene.room
         place = dict(zip("xy", point.position, strict=False))
-        on = {wall for wall in ("x_min", "x_max", "y_min", "y_max") if place[wall[0]] == getattr(room, wall)}
+        on = {
+            wall
+            for wall in ("x_min", "x_max", "y_min", "y_max")
+            if place[wall[0]] == getattr(room, wall)
+        }
         assert len(on | {panel.wall}) == 2
         walls |= on
-        half = panel.rows * panel.elements_per_subsurface[1] * panel.pitch_wavelengths * wavelength_m(2.0) / 2
+        half = (
+            panel.rows
+            * panel.elements_per_subsurface[1]
+            * panel.pitch_wavelengths
+            * wavelength_m(2.0)
+            / 2
+        )
         assert half <= panel.position[2] <= room.height - half
         for box in scene.obstacles:
             for x, y, bottom in (point.position, (*panel.position[:2], panel.position[2] - half)):
@@ -135,7 +150,10 @@ def test_files_read_well():
             yield part
 
     for scene in SCENES:
-        assert all(len(str(value).split(".")[1]) <= 3 for value in numbers(json.loads(scene.model_dump_json())))
+        assert all(
+            len(str(value).split(".")[1]) <= 3
+            for value in numbers(json.loads(scene.model_dump_json()))
+        )
 
 
 def test_equal_seeds_give_equal_scenes_and_others_do_not():
@@ -183,6 +201,8 @@ def test_bad_difficulties_are_refused_by_field(change, message):
 
 
 def test_an_unknown_difficulty_is_answered_with_all():
-    with pytest.raises(ValueError, match=r"difficulty='medium' must be one of \('easy', 'default', 'hard'\)"):
+    with pytest.raises(
+        ValueError, match=r"difficulty='medium' must be one of \('easy', 'default', 'hard'\)"
+    ):
         generate_scene(np.random.default_rng(0), "medium")
     assert tuple(DIFFICULTIES) == ("easy", "default", "hard")

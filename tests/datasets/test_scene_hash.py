@@ -57,7 +57,9 @@ def test_the_papers_scene_mirrored_in_x_is_itself_but_for_its_ends():
     assert scene_hash(swapped) == scene_hash(PAPER)
 
 
-@pytest.mark.parametrize("scene", [SAMPLE[0].scene, SAMPLE[2].scene, PAPER, WORKSHOP], ids=lambda scene: scene.name)
+@pytest.mark.parametrize(
+    "scene", [SAMPLE[0].scene, SAMPLE[2].scene, PAPER, WORKSHOP], ids=lambda scene: scene.name
+)
 def test_the_hash_is_the_same_for_all_images(scene):
     assert {scene_hash(image) for image in symmetries(scene)} == {scene_hash(scene)}
 
@@ -69,8 +71,14 @@ def test_the_hash_is_the_same_whatever_the_name_the_place_and_the_order_of_the_p
     for parts in ("obstacles", "access_points", "irs_panels"):
         data[parts] = data[parts][::-1]
     data["room"] |= {"x_min": 5.0, "x_max": 37.0}
-    for place, parts in (("center", "obstacles"), ("position", "access_points"), ("position", "irs_panels")):
-        data[parts] = [{**part, place: (part[place][0] + 5, *part[place][1:])} for part in data[parts]]
+    for place, parts in (
+        ("center", "obstacles"),
+        ("position", "access_points"),
+        ("position", "irs_panels"),
+    ):
+        data[parts] = [
+            {**part, place: (part[place][0] + 5, *part[place][1:])} for part in data[parts]
+        ]
     data["start"], data["goal"] = ((data[end][0] + 5, data[end][1]) for end in ("start", "goal"))
     assert scene_hash(Scene.model_validate(data)) == scene_hash(scene)
 

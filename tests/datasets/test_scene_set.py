@@ -1,4 +1,6 @@
-"""Facts of pools: each scene as it is alone, a smaller pool the head of a larger, and a cache that cannot do harm."""
+"""Facts of pools: each scene as it is alone, a smaller pool the head of a larger, and a cache that
+cannot do harm.
+"""
 
 import json
 import os
@@ -21,7 +23,10 @@ from irs_gym.radio.scene import load_scene
 
 ARRAYS = ("target_db", "gain_db", "distance_to_go", "irs", "start", "goal")
 SCENES = [scene_of("train", index) for index in range(3)]
-PAPER, WORKSHOP = load_scene("paper"), load_scene("workshop").model_copy(update={"target_db": -64.0, "phase_bits": 1})
+PAPER, WORKSHOP = (
+    load_scene("paper"),
+    load_scene("workshop").model_copy(update={"target_db": -64.0, "phase_bits": 1}),
+)
 
 
 @pytest.fixture(autouse=True)
@@ -33,10 +38,12 @@ def own_cache(monkeypatch, tmp_path):
 
 
 def same(one, other):
-    return one.names == other.names and all(np.array_equal(getattr(one, n), getattr(other, n)) for n in ARRAYS)
+    return one.names == other.names and all(
+        np.array_equal(getattr(one, n), getattr(other, n)) for n in ARRAYS
+    )
 
 
-# --- pools of given scenes ----------------------------------------------------------------------------------------
+# --- pools of given scenes ------------------------------------------------------------------------
 
 
 def test_each_scene_of_a_pool_is_as_it_is_alone():
@@ -91,7 +98,11 @@ def test_the_arrays_of_a_pool_cannot_be_changed():
             r"scene 'workshop' has \(64, 40\) cells: frame=\(40, 40\) is too small",
         ),
         ([WORKSHOP, PAPER], {"cell_size": 0.3}, "scene 'workshop': cell_size=0.3 does not divide"),
-        ([PAPER.model_copy(update={"goal": (-9.9, 0.1)})], {}, "scene 'paper': start=.* lies in the same cell"),
+        (
+            [PAPER.model_copy(update={"goal": (-9.9, 0.1)})],
+            {},
+            "scene 'paper': start=.* lies in the same cell",
+        ),
     ],
 )
 def test_scenes_that_make_no_pool_are_refused_by_name(scenes, arguments, message):
@@ -99,7 +110,7 @@ def test_scenes_that_make_no_pool_are_refused_by_name(scenes, arguments, message
         scene_set_of(scenes, **arguments)
 
 
-# --- pools of a split ---------------------------------------------------------------------------------------------
+# --- pools of a split -----------------------------------------------------------------------------
 
 
 def test_a_pool_of_a_split_holds_its_scenes():
@@ -133,10 +144,14 @@ def test_several_processes_build_what_one_does(monkeypatch, tmp_path):
 def test_a_script_without_a_main_guard_builds_a_pool_in_several_processes(tmp_path):
     text = "from irs_gym.datasets import build_shards, scene_set\n"
     text += "build_shards.SHARD_SCENES = 1\nbuild_shards.build_shard = None\n"
-    (tmp_path / "script.py").write_text(text + "print(scene_set.build_scene_set('train', 2, jobs=2).names)\n")
+    (tmp_path / "script.py").write_text(
+        text + "print(scene_set.build_scene_set('train', 2, jobs=2).names)\n"
+    )
     environment = {**os.environ, "PYTHONPATH": str(Path(build_shards.__file__).parents[2])}
     command = [sys.executable, "script.py"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
     assert (done.stdout, done.stderr) == ("('train-0', 'train-1')\n", "")
 
 
@@ -169,7 +184,7 @@ def test_a_frozen_scene_that_comes_out_as_another_is_refused(monkeypatch):
         build_scene_set("val", 1, jobs=1)
 
 
-# --- the cache ----------------------------------------------------------------------------------------------------
+# --- the cache ------------------------------------------------------------------------------------
 
 
 def _cut(path, other):
@@ -208,7 +223,9 @@ def _alter(path, other):
         np.savez_compressed(file, **arrays)
 
 
-@pytest.mark.parametrize("damage", [_cut, _flip, _swap, _empty, _folder, _text, _alter], ids=lambda each: each.__name__)
+@pytest.mark.parametrize(
+    "damage", [_cut, _flip, _swap, _empty, _folder, _text, _alter], ids=lambda each: each.__name__
+)
 def test_a_damaged_file_in_the_cache_is_built_anew(own_cache, damage):
     whole = build_scene_set("train", 4, jobs=1)
     first, second = sorted(own_cache.iterdir())
@@ -233,7 +250,11 @@ def test_nothing_in_the_cache_is_unpickled(tmp_path):
     definition = definition_of("train", 0, 1)
     whole = build_shard("train", 0, 1)
     with (tmp_path / "trap.npz").open("wb") as file:
-        arrays = {**vars(whole), "texts": np.array([Trap()], dtype=object), "said": np.array([definition.encode()])}
+        arrays = {
+            **vars(whole),
+            "texts": np.array([Trap()], dtype=object),
+            "said": np.array([definition.encode()]),
+        }
         np.savez(file, **arrays)
     with pytest.raises(ValueError, match="not the block"):
         Shard.from_bytes((tmp_path / "trap.npz").read_bytes(), definition)
@@ -255,12 +276,16 @@ def test_the_name_of_a_file_tells_of_all_that_its_content_depends_on(monkeypatch
             patch.setattr(shard, version, 99)
             assert name() != first
     assert name() == first
-    assert {"difficulty", "frame", "cell_size", "first", "count"} <= set(json.loads(definition_of("train", 0, 2)))
+    assert {"difficulty", "frame", "cell_size", "first", "count"} <= set(
+        json.loads(definition_of("train", 0, 2))
+    )
 
 
 def test_files_written_at_once_are_whole(tmp_path):
     contents = [bytes([n]) * 200_000 for n in range(8)]
-    threads = [threading.Thread(target=write_cached, args=(tmp_path, "file", each)) for each in contents]
+    threads = [
+        threading.Thread(target=write_cached, args=(tmp_path, "file", each)) for each in contents
+    ]
     for thread in threads:
         thread.start()
     for _ in range(50):

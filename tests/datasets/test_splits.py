@@ -1,4 +1,6 @@
-"""Facts of splits: frozen sets that stay what they were, no scene in two of them, and the unusual ones unusual."""
+"""Facts of splits: frozen sets that stay what they were, no scene in two of them, and the unusual
+ones unusual.
+"""
 
 import json
 
@@ -21,7 +23,9 @@ def test_the_splits_are_these():
     assert list(SPLITS) == ["train", "val", "test", "ood-clutter", "ood-irs", "ood-size"]
     assert list(SPLITS)[1:] == FROZEN
     assert [SPLITS[name].size for name in FROZEN] == [1000] * 5
-    assert len({split.number for split in SPLITS.values()}) == len(SPLITS)  # seeds of no two are the same
+    assert len({split.number for split in SPLITS.values()}) == len(
+        SPLITS
+    )  # seeds of no two are the same
 
 
 @pytest.mark.parametrize("name", FROZEN)
@@ -63,8 +67,14 @@ def test_a_scene_in_two_places_is_found_turned_and_renamed():
 
 
 def test_scenes_are_named_after_their_number_and_no_two_are_equal():
-    assert [scene.name for scene in SAMPLE["ood-irs"]] == [f"ood-irs-{n}" for n in (0, 1, 2, 500, 998, 999)]
-    nameless = {each.model_copy(update={"name": ""}).model_dump_json() for some in SAMPLE.values() for each in some}
+    assert [scene.name for scene in SAMPLE["ood-irs"]] == [
+        f"ood-irs-{n}" for n in (0, 1, 2, 500, 998, 999)
+    ]
+    nameless = {
+        each.model_copy(update={"name": ""}).model_dump_json()
+        for some in SAMPLE.values()
+        for each in some
+    }
     assert len(nameless) == sum(map(len, SAMPLE.values()))
 
 
@@ -113,7 +123,9 @@ def test_the_proof_tells_of_a_scene_that_has_changed(monkeypatch, tmp_path, caps
     assert "7 scenes, of which 3 for training: 0 are in two places" in said
     assert "changed since they were frozen: none" in said
     kept = json.loads(verify_splits.KEPT.read_bytes())
-    assert kept["splits"]["val"] == entry_of(scene_of("val", n).model_dump_json().encode() for n in range(2))
+    assert kept["splits"]["val"] == entry_of(
+        scene_of("val", n).model_dump_json().encode() for n in range(2)
+    )
     assert "".join(kept["splits"]["val"]["scenes"]) == "".join(frozen()["val"].scenes[:2])
     monkeypatch.setattr(splits, "VERSION", 99)
     monkeypatch.setattr("irs_gym.datasets.shard.VERSION", 99)

@@ -1,4 +1,6 @@
-"""Facts about the single environment: the contract with Gymnasium and Stable-Baselines3, and its own rules."""
+"""Facts about the single environment: the contract with Gymnasium and Stable-Baselines3, and its
+own rules.
+"""
 
 import copy
 import pickle
@@ -20,7 +22,11 @@ from irs_gym.mdp.observation import MARGIN_SCALE_DB
 ID = "irs_gym:IrsNav-v0"
 OBSERVATIONS = ["dict", "flat", "map"]
 CONSTRAINTS = ["refuse", "terminate", "allow"]
-KINDS = [*((o, c) for o in OBSERVATIONS for c in CONSTRAINTS), ("masked", "terminate"), ("cell", "refuse")]
+KINDS = [
+    *((o, c) for o in OBSERVATIONS for c in CONSTRAINTS),
+    ("masked", "terminate"),
+    ("cell", "refuse"),
+]
 EVERY = [pytest.param(o, c, id=f"{o}-{c}") for o, c in KINDS]
 
 
@@ -39,7 +45,7 @@ def rollout(env, seed, steps=300):
     return said
 
 
-# --- the contract ----------------------------------------------------------------------------------------------------
+# --- the contract ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("observation", "constraint"), EVERY)
@@ -49,7 +55,9 @@ def test_gymnasiums_checker_finds_nothing(observation, constraint):
     with warnings.catch_warnings():
         # says so of every made environment, whose wrappers it is right to avoid
         warnings.filterwarnings("ignore", message=".*is different from the unwrapped version.*")
-        warnings.filterwarnings("ignore", message=".*to get variables from other wrappers is deprecated.*")
+        warnings.filterwarnings(
+            "ignore", message=".*to get variables from other wrappers is deprecated.*"
+        )
         check_env(env, skip_render_check=False)
     check_env(env.unwrapped, skip_render_check=False)
 
@@ -62,8 +70,12 @@ def test_stable_baselines_checker_finds_nothing(observation, constraint):
         if observation == "dict":  # the patch is no picture, and the one remark that is expected
             warnings.filterwarnings("ignore", message=".*gain_patch.*|.*unconventional shape.*")
         if observation == "map":  # takes each array of three axes for a uint8 picture
-            warnings.filterwarnings("ignore", message="It seems that your observation (space )? is an image")
-        checker.check_env(make(observation=observation, constraint=constraint), skip_render_check=False)
+            warnings.filterwarnings(
+                "ignore", message="It seems that your observation (space )? is an image"
+            )
+        checker.check_env(
+            make(observation=observation, constraint=constraint), skip_render_check=False
+        )
 
 
 @pytest.mark.parametrize(("observation", "constraint"), EVERY)
@@ -77,7 +89,9 @@ def test_equal_seeds_give_equal_rollouts_and_copies_go_on_alike(observation, con
     twins = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
     expected = [env.step(action) for action in (1, 2, 3, 4, 5, 6, 7, 0)]
     for twin in twins:
-        assert data_equivalence(expected, [twin.step(action) for action in (1, 2, 3, 4, 5, 6, 7, 0)])
+        assert data_equivalence(
+            expected, [twin.step(action) for action in (1, 2, 3, 4, 5, 6, 7, 0)]
+        )
 
 
 @pytest.mark.parametrize(("observation", "constraint"), EVERY)
@@ -89,7 +103,10 @@ def test_a_spec_survives_json(observation, constraint):
 
 
 def test_different_seeds_differ():
-    starts = {tuple(make(random_start=True).reset(seed=seed)[0]["position"].tolist()) for seed in range(20)}
+    starts = {
+        tuple(make(random_start=True).reset(seed=seed)[0]["position"].tolist())
+        for seed in range(20)
+    }
     assert len(starts) > 15
 
 
@@ -107,7 +124,9 @@ def test_other_processes_see_the_same():
         "print(out.hexdigest())\n"
     )
     runs = [
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
         for _ in range(2)
     ]
     assert runs[0] == runs[1]
@@ -170,7 +189,7 @@ def test_render_modes(mode):
         assert len(first) == len(second) == 1
 
 
-# --- the rules -------------------------------------------------------------------------------------------------------
+# --- the rules ------------------------------------------------------------------------------------
 
 
 def follow(env, cells):
@@ -200,16 +219,22 @@ def test_the_oracles_path_succeeds_exactly(constraint, target_db):
     assert total == pytest.approx(10.0 + octile - oracle.distance, abs=1e-9)
 
 
-@pytest.mark.parametrize(("constraint", "shaping"), [("refuse", True), ("refuse", False), ("terminate", True)])
+@pytest.mark.parametrize(
+    ("constraint", "shaping"), [("refuse", True), ("refuse", False), ("terminate", True)]
+)
 @pytest.mark.parametrize("target_db", [-62.5, -61.8, -60.0])
 def test_no_policy_has_a_larger_return_than_the_oracles_path(constraint, shaping, target_db):
-    """Value iteration over the environment's own steps, undiscounted, with as many steps left as it allows."""
+    """Value iteration over the environment's own steps, undiscounted, with as many steps left as it
+    allows.
+    """
     env = make(constraint=constraint, target_db=target_db, shaping=shaping).unwrapped
     free = np.argwhere(np.isfinite(env.radio_map.gain_db) & (env.radio_map.gain_db >= target_db))
     number = {tuple(cell): n for n, cell in enumerate(free.tolist())}
     to, reward, goes_on = (np.zeros((len(free), 8), dtype=kind) for kind in (int, float, bool))
     for n, cell in enumerate(free.tolist()):
-        if tuple(cell) == env.world.goal or not np.isfinite(env._episode.tables.distance_to_go[tuple(cell)]):
+        if tuple(cell) == env.world.goal or not np.isfinite(
+            env._episode.tables.distance_to_go[tuple(cell)]
+        ):
             to[n] = n
             continue
         for action in range(8):
@@ -239,10 +264,16 @@ def test_a_refused_move_costs_the_move_and_leaves_the_robot():
 def below_target(env):
     """A cell from which one move leads below the target, with that move."""
     world = env.unwrapped.world
-    for cell in np.argwhere(world.feasible & np.isfinite(env.unwrapped._episode.tables.distance_to_go)).tolist():
+    for cell in np.argwhere(
+        world.feasible & np.isfinite(env.unwrapped._episode.tables.distance_to_go)
+    ).tolist():
         for action, (di, dj) in enumerate(MOVES.tolist()):
             there = (cell[0] + di, cell[1] + dj)
-            if world.radio_map.grid.has(there) and world.radio_map.free[there] and not world.feasible[there]:
+            if (
+                world.radio_map.grid.has(there)
+                and world.radio_map.free[there]
+                and not world.feasible[there]
+            ):
                 return tuple(cell), action, there
     raise AssertionError("the target is met everywhere")
 
@@ -309,7 +340,10 @@ def test_a_random_start_reaches_the_goal_and_is_scored_against_its_own_optimum()
         assert info["oracle_distance"] == pytest.approx(shortest.distance, abs=1e-9)
     assert len(starts) > 120
     half = make(random_start=0.5)
-    fixed = sum(half.reset(seed=seed)[0] is not None and half.unwrapped.path[0] == (0, 20) for seed in range(200))
+    fixed = sum(
+        half.reset(seed=seed)[0] is not None and half.unwrapped.path[0] == (0, 20)
+        for seed in range(200)
+    )
     assert 70 < fixed < 130
 
 
@@ -328,7 +362,9 @@ def test_a_new_start_costs_no_run_of_dijkstra(monkeypatch):
     env = make(target_db=-61.75)
     runs = []
     original = irs_gym.mdp.dynamics.distance_to_go
-    monkeypatch.setattr(irs_gym.mdp.dynamics, "distance_to_go", lambda *a: runs.append(a) or original(*a))
+    monkeypatch.setattr(
+        irs_gym.mdp.dynamics, "distance_to_go", lambda *a: runs.append(a) or original(*a)
+    )
     for i in range(10, 30):
         env.reset(options={"start": (i, 35)})
     assert not runs
@@ -338,7 +374,7 @@ def test_a_new_start_costs_no_run_of_dijkstra(monkeypatch):
     assert len(runs) == 1
 
 
-# --- observations ----------------------------------------------------------------------------------------------------
+# --- observations ---------------------------------------------------------------------------------
 
 
 def test_the_observation_says_what_the_map_says():
@@ -348,7 +384,9 @@ def test_the_observation_says_what_the_map_says():
     margin = np.clip((gain[12:19, 12:19] + 61.9) / MARGIN_SCALE_DB, -1, 1)
     np.testing.assert_allclose(obs["gain_patch"], margin, atol=1e-6)
     x, y = env.unwrapped.radio_map.grid.centre((15, 15))
-    np.testing.assert_allclose(obs["position"], [x / 10, y / 10, (39 - 15) / 40, (20 - 15) / 40], atol=1e-6)
+    np.testing.assert_allclose(
+        obs["position"], [x / 10, y / 10, (39 - 15) / 40, (20 - 15) / 40], atol=1e-6
+    )
     shifts = irs_gym.build_phase_shifts("paper", phase_bits=2)[15, 15]
     np.testing.assert_allclose(obs["irs"], [1, 0.5, 1 - 2 / 2.2, *(shifts / np.pi - 1)], atol=1e-6)
     assert info["gain_db"] == gain[15, 15]
@@ -370,7 +408,9 @@ def test_flat_is_dict_flattened():
     as_dict, flat = make(**kwargs), make(observation="flat", **kwargs)
     for seed in range(10):
         one, other = as_dict.reset(seed=seed)[0], flat.reset(seed=seed)[0]
-        np.testing.assert_array_equal(gymnasium.spaces.flatten(as_dict.observation_space, one), other)
+        np.testing.assert_array_equal(
+            gymnasium.spaces.flatten(as_dict.observation_space, one), other
+        )
 
 
 def test_the_map_shows_margin_obstacles_robot_and_goal():
@@ -398,7 +438,9 @@ def test_a_world_too_large_for_a_table_is_observed_all_the_same(monkeypatch):
 
     kept = make(observation="flat", target_db=-61.79)
     monkeypatch.setattr(irs_gym.mdp.observation, "_LARGEST_TABLE", 0)
-    computed = make(observation="flat", target_db=-61.79, irs_phases=True, goal_bonus=10.5)  # another world
+    computed = make(
+        observation="flat", target_db=-61.79, irs_phases=True, goal_bonus=10.5
+    )  # another world
     assert kept.unwrapped._episode.observer.table is not None
     assert computed.unwrapped._episode.observer.table is None
     for seed in range(5):
@@ -406,13 +448,16 @@ def test_a_world_too_large_for_a_table_is_observed_all_the_same(monkeypatch):
             np.testing.assert_array_equal(one[0], other[0])
 
 
-# --- what is refused -------------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"target_db": -59.0}, r"target_db=-59\.0 is infeasible.*highest feasible target is -59\.51"),
+        (
+            {"target_db": -59.0},
+            r"target_db=-59\.0 is infeasible.*highest feasible target is -59\.51",
+        ),
         ({"target_db": float("nan")}, "target_db=nan must be a finite number"),
         ({"cell_size": 0.3}, "cell_size=0.3 does not divide"),
         ({"phase_bits": 0}, "phase_bits=0 must be an integer from 1"),

@@ -1,4 +1,6 @@
-"""Facts about arguments: how environments refuse unknown ones, take data for objects, and are made again from JSON."""
+"""Facts about arguments: how environments refuse unknown ones, take data for objects, and are made
+again from JSON.
+"""
 
 import json
 from pathlib import Path
@@ -21,8 +23,17 @@ FLOOR = irs_gym.RadioMap.from_array([[0.0, -np.inf, 0.1], [0.0, 1 / 3, 0.0]], 0.
 OBJECTS = {
     "path": {"scene": Path("irs_gym/scenes/paper.json")},
     "scene": {"scene": PAPER},
-    "map": {"radio_map": FLOOR, "start": (0, 0), "goal": np.array([1, 2]), "target_db": np.float32(-1.0)},
-    "numbers": {"target_db": np.float64(-62.5), "patch_radius": np.int64(3), "start": [np.int64(0), 20]},
+    "map": {
+        "radio_map": FLOOR,
+        "start": (0, 0),
+        "goal": np.array([1, 2]),
+        "target_db": np.float32(-1.0),
+    },
+    "numbers": {
+        "target_db": np.float64(-62.5),
+        "patch_radius": np.int64(3),
+        "start": [np.int64(0), 20],
+    },
 }
 
 
@@ -30,25 +41,35 @@ OBJECTS = {
 def test_a_spec_with_objects_survives_json_as_data(name):
     env = gymnasium.make(ID, **OBJECTS[name])
     text = env.spec.to_json()
-    json.loads(text, parse_constant=pytest.fail)  # no NaN, no Infinity: what other programs read as well
+    json.loads(
+        text, parse_constant=pytest.fail
+    )  # no NaN, no Infinity: what other programs read as well
     for again in (gymnasium.make(EnvSpec.from_json(text)), gymnasium.make(env.spec)):
         assert again.spec.to_json() == text
-        np.testing.assert_array_equal(again.unwrapped.radio_map.gain_db, env.unwrapped.radio_map.gain_db)
+        np.testing.assert_array_equal(
+            again.unwrapped.radio_map.gain_db, env.unwrapped.radio_map.gain_db
+        )
         assert again.unwrapped.radio_map.grid == env.unwrapped.radio_map.grid
         assert again.reset()[1]["oracle_distance"] == env.reset()[1]["oracle_distance"]
 
 
 @pytest.mark.parametrize("name", OBJECTS)
 def test_a_spec_of_a_vector_env_with_objects_survives_json_as_data(name):
-    env = gymnasium.make_vec(ID, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP, **OBJECTS[name])
+    env = gymnasium.make_vec(
+        ID, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP, **OBJECTS[name]
+    )
     again = gymnasium.make_vec(EnvSpec.from_json(env.spec.to_json()))
     assert again.spec.to_json() == env.spec.to_json()
     assert (again.num_envs, again.unwrapped.autoreset_mode) == (2, AutoresetMode.SAME_STEP)
-    np.testing.assert_array_equal(again.unwrapped.radio_map.gain_db, env.unwrapped.radio_map.gain_db)
+    np.testing.assert_array_equal(
+        again.unwrapped.radio_map.gain_db, env.unwrapped.radio_map.gain_db
+    )
 
 
 def test_scenes_of_a_random_env_survive_json_as_data():
-    env = gymnasium.make(RANDOM_ID, scenes=(PAPER, PAPER.model_copy(update={"name": "again"}).to_data()))
+    env = gymnasium.make(
+        RANDOM_ID, scenes=(PAPER, PAPER.model_copy(update={"name": "again"}).to_data())
+    )
     again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
     assert again.unwrapped.worlds.pool.names == ("paper", "again")
 
@@ -63,12 +84,21 @@ def test_a_scene_is_taken_as_its_data():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"scene": {"name": 1}}, r"scene: name: Input should be a valid string .*; room: Field required"),
+        (
+            {"scene": {"name": 1}},
+            r"scene: name: Input should be a valid string .*; room: Field required",
+        ),
         ({"scene": {"name": FLOOR}}, "scene holds what JSON cannot"),
         ({"radio_map": {}}, "radio_map holds .*, not gain_db, cell_size and origin"),
-        ({"radio_map": {**FLOOR.to_data(), "gain_db": [[0.0], [1.0, 2.0]]}}, "radio_map: .*inhomogeneous"),
+        (
+            {"radio_map": {**FLOOR.to_data(), "gain_db": [[0.0], [1.0, 2.0]]}},
+            "radio_map: .*inhomogeneous",
+        ),
         ({"radio_map": {**FLOOR.to_data(), "gain_db": 7}}, "radio_map: .*not iterable"),
-        ({"radio_map": {**FLOOR.to_data(), "gain_db": [[float("nan")]]}}, "radio_map: gain_db holds NaN"),
+        (
+            {"radio_map": {**FLOOR.to_data(), "gain_db": [[float("nan")]]}},
+            "radio_map: gain_db holds NaN",
+        ),
     ],
 )
 def test_bad_data_is_refused_by_name(arguments, message):
@@ -80,13 +110,18 @@ def test_bad_data_is_refused_by_name(arguments, message):
 @pytest.mark.parametrize(("env_id", "more"), [(ID, {}), (RANDOM_ID, {"scenes": POOL})])
 @pytest.mark.parametrize("name", ["frameskip", "from_pixels", "traget_db"])
 def test_unknown_arguments_are_refused_in_the_words_that_clients_look_for(env_id, more, name):
-    single, vector = gymnasium.spec(env_id.removeprefix("irs_gym:")), gymnasium.make_vec(env_id, num_envs=2, **more)
+    single, vector = (
+        gymnasium.spec(env_id.removeprefix("irs_gym:")),
+        gymnasium.make_vec(env_id, num_envs=2, **more),
+    )
     words = rf"__init__\(\) got an unexpected keyword argument '{name}'"
     with pytest.raises(TypeError, match="IrsNav(Random)?Env." + words):
         single.make(**more, **{name: 4})
     with pytest.raises(TypeError, match=f"{type(vector.unwrapped).__name__}." + words):
         gymnasium.make_vec(env_id, num_envs=2, **more, **{name: 4})
-    with pytest.raises(TypeError, match=words + r": the arguments are .*goal_bonus.* and render_mode"):
+    with pytest.raises(
+        TypeError, match=words + r": the arguments are .*goal_bonus.* and render_mode"
+    ):
         single.make(also_unknown=1, **more, **{name: 4})  # each is named, whatever else is wrong
 
 
@@ -94,7 +129,12 @@ def test_unknown_arguments_are_refused_in_the_words_that_clients_look_for(env_id
 @pytest.mark.parametrize("observation", ["dict", "flat", "map"])
 def test_each_environment_has_spaces_of_its_own(env_id, more, observation):
     def spaces(env):
-        names = ("observation_space", "action_space", "single_observation_space", "single_action_space")
+        names = (
+            "observation_space",
+            "action_space",
+            "single_observation_space",
+            "single_action_space",
+        )
         return [getattr(env, name) for name in names if hasattr(env, name)]
 
     for make in (
@@ -128,5 +168,7 @@ def test_seeds_of_every_integer_type_are_taken_and_all_else_is_refused(env_id, m
         np.testing.assert_array_equal(envs.reset(seed=seed)[0]["position"], counted)
     assert envs.reset(seed=[5, None, None])[0]["position"][0].tolist() == expected
     for seed in (-1, 5.0, True, [5, 6, -7], [5, True, 6], np.array([5.0, 6.0, 7.0])):
-        with pytest.raises(ValueError, match=r"seed(\[\d\])?=.* must be an integer from 0, or None"):
+        with pytest.raises(
+            ValueError, match=r"seed(\[\d\])?=.* must be an integer from 0, or None"
+        ):
             envs.reset(seed=seed)

@@ -1,4 +1,6 @@
-"""Facts about the masked observation and the cell: single and vector, over one scene and many, and for learners."""
+"""Facts about the masked observation and the cell: single and vector, over one scene and many, and
+for learners.
+"""
 
 import warnings
 
@@ -17,9 +19,16 @@ from irs_gym.mdp.observation import Packing
 
 POOL = tiny_pool(12, (9, 7))
 # close ends, or small maps, and a short limit: many episodes of every kind in few steps
-NAV = ("irs_gym:IrsNav-v0", {"target_db": -62.2, "start": (30, 22), "goal": (33, 20), "goal_bonus": 100.0})
+NAV = (
+    "irs_gym:IrsNav-v0",
+    {"target_db": -62.2, "start": (30, 22), "goal": (33, 20), "goal_bonus": 100.0},
+)
 RANDOM = ("irs_gym:IrsNavRandom-v0", {"scenes": POOL, "goal_bonus": 100.0})
-EVERY = [pytest.param(*each, kind, id=f"{each[0][8:]}-{kind}") for each in (NAV, RANDOM) for kind in ("masked", "cell")]
+EVERY = [
+    pytest.param(*each, kind, id=f"{each[0][8:]}-{kind}")
+    for each in (NAV, RANDOM)
+    for kind in ("masked", "cell")
+]
 
 
 @pytest.mark.parametrize(("env_id", "more", "kind"), EVERY)
@@ -27,7 +36,9 @@ EVERY = [pytest.param(*each, kind, id=f"{each[0][8:]}-{kind}") for each in (NAV,
 def test_the_checkers_find_nothing(env_id, more, kind):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     env = gymnasium.make(env_id, observation=kind, **more)
-    with warnings.catch_warnings():  # says so of every made environment, whose wrappers it is right to avoid
+    with (
+        warnings.catch_warnings()
+    ):  # says so of every made environment, whose wrappers it is right to avoid
         warnings.filterwarnings("ignore", message=".*is different from the unwrapped version.*")
         check_env(env, skip_render_check=True)
     check_env(env.unwrapped, skip_render_check=True)
@@ -38,7 +49,13 @@ def test_the_checkers_find_nothing(env_id, more, kind):
 @pytest.mark.parametrize("constraint", ["refuse", "terminate", "allow"])
 @pytest.mark.parametrize(("env_id", "more", "kind"), EVERY)
 def test_the_vector_env_equals_single_ones(env_id, more, kind, constraint, mode):
-    kwargs = {"observation": kind, "constraint": constraint, "max_episode_steps": 25, "patch_radius": 2, **more}
+    kwargs = {
+        "observation": kind,
+        "constraint": constraint,
+        "max_episode_steps": 25,
+        "patch_radius": 2,
+        **more,
+    }
     ours, single = both(env_id, 4, mode, random_start=0.5, **kwargs)
     assert ours.observation_space == single.observation_space
     assert assert_equal_for(400, ours, single) > 50
@@ -57,7 +74,10 @@ def test_the_masked_observation_is_the_flat_one_beside_the_mask(env_id, more):
             np.testing.assert_array_equal(seen["observation"], packed)
             np.testing.assert_array_equal(seen["action_mask"], info["action_mask"])
             assert seen["action_mask"].dtype == np.int8
-            if action is None or flat.unwrapped.path[-1] == flat.unwrapped.oracle.cells[-1].tolist():
+            if (
+                action is None
+                or flat.unwrapped.path[-1] == flat.unwrapped.oracle.cells[-1].tolist()
+            ):
                 break
             seen, _, is_over, _, info = masked.step(action)
             packed = flat.step(action)[0]
@@ -85,7 +105,9 @@ def test_the_cell_is_the_flat_index_of_the_robots_cell(env_id, more):
 
 def test_more_cells_than_float32_can_number_are_refused():
     assert Packing("cell", 11, 3, (4096, 4096)).space == spaces.Discrete(2**24)
-    with pytest.raises(ValueError, match=r"observation='cell' can tell 16777216 cells apart, and \(4096, 4097\)"):
+    with pytest.raises(
+        ValueError, match=r"observation='cell' can tell 16777216 cells apart, and \(4096, 4097\)"
+    ):
         Packing("cell", 11, 3, (4096, 4097))
 
 
@@ -104,7 +126,9 @@ def test_references_play_on_masked_observations_and_say_what_a_cell_lacks():
         roll_out(REFERENCE_POLICIES["oracle"](told, 0), told)
 
 
-@pytest.mark.parametrize(("observation", "policy"), [("masked", "MultiInputPolicy"), ("cell", "MlpPolicy")])
+@pytest.mark.parametrize(
+    ("observation", "policy"), [("masked", "MultiInputPolicy"), ("cell", "MlpPolicy")]
+)
 @pytest.mark.parametrize("algorithm", ["PPO", "DQN"])
 def test_learners_of_stable_baselines_take_both_kinds(observation, policy, algorithm):
     library = pytest.importorskip("stable_baselines3")
@@ -112,7 +136,11 @@ def test_learners_of_stable_baselines_take_both_kinds(observation, policy, algor
 
     env = IrsNavVecEnv(2, max_episode_steps=12, observation=observation, patch_radius=1, **NAV[1])
     on_policy = {"n_steps": 16, "batch_size": 16, "n_epochs": 1}
-    settings = on_policy if algorithm == "PPO" else {"learning_starts": 16, "buffer_size": 64, "batch_size": 8}
+    settings = (
+        on_policy
+        if algorithm == "PPO"
+        else {"learning_starts": 16, "buffer_size": 64, "batch_size": 8}
+    )
     model = getattr(library, algorithm)(policy, env, policy_kwargs={"net_arch": [8]}, **settings)
     model.learn(64)
     assert env.action_space.contains(int(model.predict(env.reset())[0][0]))

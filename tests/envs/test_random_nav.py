@@ -1,4 +1,6 @@
-"""Facts about the environment over many scenes: Gymnasium's contract, and that each scene is played as it is alone."""
+"""Facts about the environment over many scenes: Gymnasium's contract, and that each scene is played
+as it is alone.
+"""
 
 import copy
 import pickle
@@ -54,11 +56,15 @@ def rooms() -> SceneSet:
     return scene_set_of([paper(target_db=-62.2, phase_bits=2), small_room()])
 
 
-# --- each scene is played as it is alone ----------------------------------------------------------------------------
+# --- each scene is played as it is alone ----------------------------------------------------------
 
 
-@pytest.mark.parametrize(("observation", "constraint"), [*zip(OBSERVATIONS, CONSTRAINTS, strict=True)])
-def test_the_papers_scene_in_a_pool_is_that_of_the_environment_of_one_scene(rooms, observation, constraint):
+@pytest.mark.parametrize(
+    ("observation", "constraint"), [*zip(OBSERVATIONS, CONSTRAINTS, strict=True)]
+)
+def test_the_papers_scene_in_a_pool_is_that_of_the_environment_of_one_scene(
+    rooms, observation, constraint
+):
     both = {"observation": observation, "constraint": constraint, "goal_bonus": 100.0}
     one = gymnasium.make("irs_gym:IrsNav-v0", scene=rooms.scenes[0], irs_phases=False, **both)
     many = make(scenes=rooms, **both)
@@ -66,11 +72,16 @@ def test_the_papers_scene_in_a_pool_is_that_of_the_environment_of_one_scene(room
     rng, ends = np.random.default_rng(0), 0
     for start in (None, (30, 22), (38, 20), (20, 36)):
         options = {"start": start} if start else {}
-        theirs, ours = one.reset(options=options), many.reset(options={"scene_id": "paper", **options})
+        theirs, ours = (
+            one.reset(options=options),
+            many.reset(options={"scene_id": "paper", **options}),
+        )
         assert ours[1].pop("scene_id") == "paper"
         assert_same(ours, theirs)
         for _ in range(60):
-            np.testing.assert_array_equal(many.unwrapped.action_masks(), one.unwrapped.action_masks())
+            np.testing.assert_array_equal(
+                many.unwrapped.action_masks(), one.unwrapped.action_masks()
+            )
             action = int(rng.integers(8))
             theirs, ours = one.step(action), many.step(action)
             assert ours[4].pop("scene_id") == "paper"
@@ -109,7 +120,7 @@ def test_it_is_drawn_like_the_scene_alone(rooms, mode):
     np.testing.assert_array_equal(many.render(), one.render())
 
 
-# --- another scene at each reset -------------------------------------------------------------------------------------
+# --- another scene at each reset ------------------------------------------------------------------
 
 
 def test_each_reset_draws_a_scene_all_equally_likely():
@@ -128,7 +139,11 @@ def test_equal_seeds_draw_equal_scenes_and_others_others():
     def drawn(seed):
         env = make(random_start=0.5)
         observation, info = env.reset(seed=seed)
-        return [info["scene_id"], *(env.reset()[1]["scene_id"] for _ in range(9)), observation["position"].tolist()]
+        return [
+            info["scene_id"],
+            *(env.reset()[1]["scene_id"] for _ in range(9)),
+            observation["position"].tolist(),
+        ]
 
     assert drawn(3) == drawn(3)
     assert len({str(drawn(seed)) for seed in range(10)}) == 10
@@ -141,7 +156,11 @@ def test_the_world_is_that_of_the_episodes_scene():
         world = env.unwrapped.world
         np.testing.assert_array_equal(world.feasible, POOL.feasible[number])
         assert (world.start, world.goal) == (tuple(POOL.start[number]), tuple(POOL.goal[number]))
-        assert info["oracle_distance"] == POOL.oracle_distance[number] == pytest.approx(env.unwrapped.oracle.distance)
+        assert (
+            info["oracle_distance"]
+            == POOL.oracle_distance[number]
+            == pytest.approx(env.unwrapped.oracle.distance)
+        )
         assert env.unwrapped.path == [world.start]
         assert info["margin_db"] == pytest.approx(info["gain_db"] - POOL.target_db[number])
 
@@ -181,13 +200,17 @@ def test_references_serve_a_vector_env_of_scenes_of_their_own():
     single = make()
     for name in ("oracle", "greedy", "greedy_margin"):
         alone = [
-            int(REFERENCE_POLICIES[name](single, 0).predict(single.reset(options={"scene_id": n})[0])[0])
+            int(
+                REFERENCE_POLICIES[name](single, 0).predict(
+                    single.reset(options={"scene_id": n})[0]
+                )[0]
+            )
             for n in range(8)
         ]
         assert REFERENCE_POLICIES[name](batch, 0).predict(observation)[0].tolist() == alone
 
 
-# --- where the scenes come from --------------------------------------------------------------------------------------
+# --- where the scenes come from -------------------------------------------------------------------
 
 
 def test_a_folder_of_scene_files_takes_the_place_of_a_split(tmp_path):
@@ -214,28 +237,40 @@ def test_the_first_scenes_of_a_split_are_played(tmp_path, monkeypatch):
     [
         ({"scenes": None, "split": "exam"}, "split='exam' must be one of"),
         ({"scenes": None, "num_scenes": 0}, "num_scenes=0 must be a number from 1"),
-        ({"scenes": None, "split": "val", "num_scenes": 1001}, "num_scenes=1001 must be a number from 1 to 1000"),
+        (
+            {"scenes": None, "split": "val", "num_scenes": 1001},
+            "num_scenes=1001 must be a number from 1 to 1000",
+        ),
         ({"split": "val"}, "split cannot be given along with scenes"),
         ({"num_scenes": 10}, "num_scenes cannot be given along with scenes"),
         ({"scenes": ()}, "scenes is empty"),
-        ({"scenes": (paper(), "paper")}, "must be a folder of scene files, a sequence of scenes, or a pool"),
+        (
+            {"scenes": (paper(), "paper")},
+            "must be a folder of scene files, a sequence of scenes, or a pool",
+        ),
         ({"scenes": (paper(target_db=-50.0),)}, "scene 'paper': target_db=-50.0 is infeasible"),
         ({"observation": "picture"}, "observation='picture' must be one of"),
         ({"patch_radius": -1}, "patch_radius=-1 must be"),
         ({"random_start": 2}, "random_start=2 must be"),
-        ({"constraint": "terminate", "goal_bonus": 0.0}, "scene 'tiny-.': goal_bonus=0.0 is too small"),
+        (
+            {"constraint": "terminate", "goal_bonus": 0.0},
+            "scene 'tiny-.': goal_bonus=0.0 is too small",
+        ),
         ({"render_mode": "video"}, "render_mode='video' must be one of"),
     ],
 )
 @pytest.mark.parametrize("kind", ["single", "vector"])
 def test_bad_arguments_are_refused_by_name(kwargs, message, kind):
     with pytest.raises(ValueError, match=message):
-        make(**kwargs) if kind == "single" else gymnasium.make_vec(ID, num_envs=2, **{"scenes": POOL, **kwargs})
+        make(**kwargs) if kind == "single" else gymnasium.make_vec(
+            ID, num_envs=2, **{"scenes": POOL, **kwargs}
+        )
 
 
 def test_unknown_arguments_and_folders_are_refused_by_name(tmp_path):
     with pytest.raises(
-        TypeError, match="got an unexpected keyword argument 'target_db': the arguments are split, num_scenes, scenes"
+        TypeError,
+        match="got an unexpected keyword argument 'target_db': the arguments are split, num_scenes, scenes",
     ):
         make(target_db=-61.8)
     with pytest.raises(FileNotFoundError, match="is no folder of scene files"):
@@ -248,7 +283,10 @@ def test_unknown_arguments_and_folders_are_refused_by_name(tmp_path):
     ("options", "message"),
     [
         ({"scene": 1}, "unknown key scene: it may hold start and goal, cells .i, j., and scene_id"),
-        ({"scene_id": "paper"}, r"scene_id='paper' must be a name of a scene \('tiny-0'.* from 0 to 7"),
+        (
+            {"scene_id": "paper"},
+            r"scene_id='paper' must be a name of a scene \('tiny-0'.* from 0 to 7",
+        ),
         ({"scene_id": 8}, "scene_id=8 must be a name"),
         ({"scene_id": -1}, "scene_id=-1 must be a name"),
         ({"scene_id": 1.0}, "scene_id=1.0 must be a name"),
@@ -262,22 +300,31 @@ def test_bad_options_are_refused_by_name(options, message):
 
 
 def test_a_name_of_several_scenes_is_refused():
-    pool = SceneSet(**{**{name: getattr(POOL, name) for name in POOL.__dataclass_fields__}, "names": ("same",) * 8})
+    pool = SceneSet(
+        **{
+            **{name: getattr(POOL, name) for name in POOL.__dataclass_fields__},
+            "names": ("same",) * 8,
+        }
+    )
     with pytest.raises(ValueError, match="'same' is the name of 8 scenes: give a number"):
         make(scenes=pool).reset(options={"scene_id": "same"})
 
 
-# --- Gymnasium's contract -------------------------------------------------------------------------------------------
+# --- Gymnasium's contract -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("observation", "constraint"), [*zip(OBSERVATIONS, CONSTRAINTS, strict=True)])
+@pytest.mark.parametrize(
+    ("observation", "constraint"), [*zip(OBSERVATIONS, CONSTRAINTS, strict=True)]
+)
 @pytest.mark.filterwarnings("error")
 def test_gymnasiums_and_stable_baselines_checkers_find_nothing(observation, constraint):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     env = make(observation=observation, constraint=constraint)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*gain_patch.*|.*unconventional shape.*")
-        warnings.filterwarnings("ignore", message="It seems that your observation (space )? is an image")
+        warnings.filterwarnings(
+            "ignore", message="It seems that your observation (space )? is an image"
+        )
         warnings.filterwarnings("ignore", message="The minimal resolution for an image")
         # says so of every made environment, whose wrappers it is right to avoid
         warnings.filterwarnings("ignore", message=".*is different from the unwrapped version.*")
@@ -302,7 +349,9 @@ def test_flat_is_dict_flattened():
     as_dict, flat = make(), gymnasium.make("irs_gym:IrsNavRandomFlat-v0", scenes=POOL)
     for seed in range(10):
         one, other = as_dict.reset(seed=seed)[0], flat.reset(seed=seed)[0]
-        np.testing.assert_array_equal(gymnasium.spaces.flatten(as_dict.observation_space, one), other)
+        np.testing.assert_array_equal(
+            gymnasium.spaces.flatten(as_dict.observation_space, one), other
+        )
 
 
 def test_stepping_needs_an_episode():

@@ -1,4 +1,6 @@
-"""Facts about the vector environment over many scenes, most of them against Gymnasium's own over single ones."""
+"""Facts about the vector environment over many scenes, most of them against Gymnasium's own over
+single ones.
+"""
 
 import copy
 import pickle
@@ -36,14 +38,23 @@ def test_vector_env_equals_n_single_envs(constraint, observation, patch_radius, 
 def test_every_move_in_every_state_is_that_of_single_envs():
     pool = tiny_pool(2, (5, 4), seed=3)
     for constraint in ("refuse", "terminate", "allow"):
-        kwargs = {"infos": "all", "scenes": pool, "constraint": constraint, "goal_bonus": 100.0, "patch_radius": 2}
+        kwargs = {
+            "infos": "all",
+            "scenes": pool,
+            "constraint": constraint,
+            "goal_bonus": 100.0,
+            "patch_radius": 2,
+        }
         single = gymnasium.make(ID, **kwargs).unwrapped
         ours = gymnasium.make_vec(ID, num_envs=8, autoreset_mode="Disabled", **kwargs)
         for number in range(2):
-            for start in np.argwhere(np.isfinite(pool.distance_to_go[number]) & (pool.distance_to_go[number] > 0)):
+            for start in np.argwhere(
+                np.isfinite(pool.distance_to_go[number]) & (pool.distance_to_go[number] > 0)
+            ):
                 options = {"scene_id": number, "start": start.tolist()}
                 assert_same(
-                    ours.reset(options=options)[0]["gain_patch"][3], single.reset(options=options)[0]["gain_patch"]
+                    ours.reset(options=options)[0]["gain_patch"][3],
+                    single.reset(options=options)[0]["gain_patch"],
                 )
                 obs, reward, terminated, _, infos = ours.step(np.arange(8))
                 for action in range(8):
@@ -77,18 +88,28 @@ def test_a_goal_of_ones_own_equals_that_of_a_single_env():
         kept.append((infos, info["distance_to_go"]))
         if is_terminated:
             break
-    assert [infos["distance_to_go"][1] for infos, _ in kept] == [to_go for _, to_go in kept]  # looked at late
+    assert [infos["distance_to_go"][1] for infos, _ in kept] == [
+        to_go for _, to_go in kept
+    ]  # looked at late
 
 
 def test_the_scene_of_each_environment_can_be_chosen():
     env = gymnasium.make_vec(ID, num_envs=4, scenes=OFTEN["scenes"], infos="all")
     assert env.reset(seed=0, options={"scene_id": 5})[1]["scene_id"].tolist() == ["tiny-5"] * 4
     names = ["tiny-3", 2, np.int64(11), "tiny-0"]
-    assert env.reset(options={"scene_id": names})[1]["scene_id"].tolist() == ["tiny-3", "tiny-2", "tiny-11", "tiny-0"]
+    assert env.reset(options={"scene_id": names})[1]["scene_id"].tolist() == [
+        "tiny-3",
+        "tiny-2",
+        "tiny-11",
+        "tiny-0",
+    ]
     assert env.unwrapped.world_of(2).goal == tuple(OFTEN["scenes"].goal[11])
     with pytest.raises(ValueError, match="scene_id holds 3 scenes for 4 environments"):
         env.reset(options={"scene_id": names[:3]})
-    with pytest.raises(ValueError, match=r"scene_id='tiny-12' must be a name of a scene \('tiny-0', .* from 0 to 11"):
+    with pytest.raises(
+        ValueError,
+        match=r"scene_id='tiny-12' must be a name of a scene \('tiny-0', .* from 0 to 11",
+    ):
         env.reset(options={"scene_id": "tiny-12"})
 
 
@@ -96,8 +117,12 @@ def test_seeds_decide_over_the_scenes():
     env = gymnasium.make_vec(ID, num_envs=50, scenes=OFTEN["scenes"])
     first = env.reset(seed=1)[1]["scene_id"].tolist()
     assert env.reset(seed=1)[1]["scene_id"].tolist() == first
-    assert env.reset(seed=2)[1]["scene_id"].tolist()[:-1] == first[1:]  # environment i has the seed + i
-    assert set(first) == set(OFTEN["scenes"].names)  # 50 draws of 12: each is missed by chance once in 80
+    assert (
+        env.reset(seed=2)[1]["scene_id"].tolist()[:-1] == first[1:]
+    )  # environment i has the seed + i
+    assert set(first) == set(
+        OFTEN["scenes"].names
+    )  # 50 draws of 12: each is missed by chance once in 80
     assert env.reset()[1]["scene_id"].tolist() != first
 
 
@@ -136,7 +161,12 @@ def test_pictures_are_those_of_single_environments():
 def test_more_cells_than_states_can_number_are_refused_before_any_work():
     one = tiny_pool(1, (9, 7))
     arrays = {name: value for name, value in vars(one).items() if isinstance(value, np.ndarray)}
-    repeated = {name: np.broadcast_to(value, (2_000_000, *value.shape[1:])) for name, value in arrays.items()}
+    repeated = {
+        name: np.broadcast_to(value, (2_000_000, *value.shape[1:]))
+        for name, value in arrays.items()
+    }
     many = replace(one, names=("tiny",) * 2_000_000, **repeated)
-    with pytest.raises(ValueError, match=r"2000000 scenes of \(14, 12\) cells, borders included, are more than"):
+    with pytest.raises(
+        ValueError, match=r"2000000 scenes of \(14, 12\) cells, borders included, are more than"
+    ):
         IrsNavRandomVectorEnv(1, scenes=many)

@@ -1,4 +1,6 @@
-"""Facts about render modes: every one of Gymnasium's, single and vector, without a warning and without a screen."""
+"""Facts about render modes: every one of Gymnasium's, single and vector, without a warning and
+without a screen.
+"""
 
 import warnings
 
@@ -55,7 +57,9 @@ def test_a_spec_with_a_wrapped_mode_survives_json(mode):
 def test_lists_of_pictures_are_those_of_single_environments(mode):
     kwargs = {"render_mode": "ansi_list", "max_episode_steps": 3, "start": (37, 20)}
     ours = gymnasium.make_vec("irs_gym:IrsNav-v0", num_envs=2, autoreset_mode=mode, **kwargs)
-    single = SyncVectorEnv([lambda: gymnasium.make("irs_gym:IrsNav-v0", **kwargs)] * 2, autoreset_mode=mode)
+    single = SyncVectorEnv(
+        [lambda: gymnasium.make("irs_gym:IrsNav-v0", **kwargs)] * 2, autoreset_mode=mode
+    )
     ours.reset(seed=0), single.reset(seed=0)
     rng = np.random.default_rng(0)
     for step in range(40):
@@ -66,7 +70,9 @@ def test_lists_of_pictures_are_those_of_single_environments(mode):
 
 
 def test_lists_of_pictures_follow_a_reset_mask():
-    envs = gymnasium.make_vec("irs_gym:IrsNav-v0", num_envs=2, autoreset_mode="Disabled", render_mode="ansi_list")
+    envs = gymnasium.make_vec(
+        "irs_gym:IrsNav-v0", num_envs=2, autoreset_mode="Disabled", render_mode="ansi_list"
+    )
     envs.reset(seed=0)
     envs.step(np.array([0, 0]))
     envs.reset(options={"reset_mask": np.array([True, False])})

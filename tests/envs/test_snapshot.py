@@ -1,4 +1,6 @@
-"""Facts about the states of environments: small, exact, and refused where they are damaged or of another task."""
+"""Facts about the states of environments: small, exact, and refused where they are damaged or of
+another task.
+"""
 
 import copy
 from struct import pack
@@ -12,7 +14,10 @@ from gymnasium.utils.env_checker import data_equivalence
 from tiny_pool import tiny_pool
 
 POOL = tiny_pool(6, (9, 7))
-NAV = ("irs_gym:IrsNav-v0", {"target_db": -62.2, "start": (30, 22), "goal": (33, 20), "goal_bonus": 100.0})
+NAV = (
+    "irs_gym:IrsNav-v0",
+    {"target_db": -62.2, "start": (30, 22), "goal": (33, 20), "goal_bonus": 100.0},
+)
 RANDOM = ("irs_gym:IrsNavRandom-v0", {"scenes": POOL, "goal_bonus": 100.0})
 
 
@@ -27,13 +32,18 @@ def walk(env, actions):
 
 
 def _without_path(said):
-    return [(*outcome, {key: value for key, value in info.items() if key != "path"}) for *outcome, info in said]
+    return [
+        (*outcome, {key: value for key, value in info.items() if key != "path"})
+        for *outcome, info in said
+    ]
 
 
 @pytest.mark.parametrize("constraint", ["refuse", "terminate", "allow"])
 @pytest.mark.parametrize(("env_id", "more"), [NAV, RANDOM])
 def test_a_restored_state_goes_on_as_before(env_id, more, constraint):
-    env = gymnasium.make(env_id, constraint=constraint, random_start=True, max_episode_steps=-1, **more).unwrapped
+    env = gymnasium.make(
+        env_id, constraint=constraint, random_start=True, max_episode_steps=-1, **more
+    ).unwrapped
     other = gymnasium.make(env_id, constraint=constraint, max_episode_steps=-1, **more).unwrapped
     rng, ends = np.random.default_rng(0), 0
     for seed in range(30):
@@ -108,7 +118,12 @@ def test_damaged_states_are_refused_and_change_nothing(env_id, more):
     for bad in (b"", state[:-1], state + b"\0", bytearray(state), state.hex(), None):
         with pytest.raises(ValueError, match="state must be the 42 bytes"):
             env.set_state(bad)
-    for where, value in ((12, 10**6), (16, 10**6), (20, 10**6), (12, 2**32 - 1)):  # start, goal and cell off the map
+    for where, value in (
+        (12, 10**6),
+        (16, 10**6),
+        (20, 10**6),
+        (12, 2**32 - 1),
+    ):  # start, goal and cell off the map
         forged = state[:where] + pack("<I", value) + state[where + 4 : -4]
         with pytest.raises(ValueError, match=r"lies off the map|a robot cannot be in"):
             env.set_state(forged + pack("<I", crc32(forged)))
@@ -117,10 +132,19 @@ def test_damaged_states_are_refused_and_change_nothing(env_id, more):
 
 @pytest.mark.parametrize(
     "change",
-    [{"target_db": -62.5}, {"constraint": "allow"}, {"shaping": False}, {"goal_bonus": 10.0}, {"phase_bits": 8}],
+    [
+        {"target_db": -62.5},
+        {"constraint": "allow"},
+        {"shaping": False},
+        {"goal_bonus": 10.0},
+        {"phase_bits": 8},
+    ],
 )
 def test_states_of_another_task_are_refused(change):
-    env, other = gymnasium.make(NAV[0], **NAV[1]).unwrapped, gymnasium.make(NAV[0], **{**NAV[1], **change}).unwrapped
+    env, other = (
+        gymnasium.make(NAV[0], **NAV[1]).unwrapped,
+        gymnasium.make(NAV[0], **{**NAV[1], **change}).unwrapped,
+    )
     env.reset(seed=0)
     with pytest.raises(ValueError, match="state is of another task: its map or its rules differ"):
         other.set_state(env.get_state())
@@ -133,7 +157,9 @@ def test_states_of_other_scenes_are_refused():
     fewer = gymnasium.make(RANDOM[0], scenes=tiny_pool(5, (9, 7)), goal_bonus=100.0).unwrapped
     with pytest.raises(ValueError, match="state is of scene 5, and there are 5 here"):
         fewer.set_state(state)
-    others = gymnasium.make(RANDOM[0], scenes=tiny_pool(6, (9, 7), seed=9), goal_bonus=100.0).unwrapped
+    others = gymnasium.make(
+        RANDOM[0], scenes=tiny_pool(6, (9, 7), seed=9), goal_bonus=100.0
+    ).unwrapped
     with pytest.raises(ValueError, match="state is of another task"):
         others.set_state(state)
 

@@ -1,4 +1,6 @@
-"""Facts about the vector environment, most of them against Gymnasium's own over single environments."""
+"""Facts about the vector environment, most of them against Gymnasium's own over single
+environments.
+"""
 
 import gymnasium
 import numpy as np
@@ -11,7 +13,13 @@ from irs_gym.envs.vector_nav import IrsNavVectorEnv
 
 ID = "irs_gym:IrsNav-v0"
 # close ends and a short limit: many episodes of every kind in few steps
-OFTEN = {"target_db": -62.2, "patch_radius": 2, "start": (30, 22), "goal": (33, 20), "max_episode_steps": 30}
+OFTEN = {
+    "target_db": -62.2,
+    "patch_radius": 2,
+    "start": (30, 22),
+    "goal": (33, 20),
+    "max_episode_steps": 30,
+}
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
@@ -63,7 +71,12 @@ def test_the_first_environments_infos_outlive_the_next_steps():
     for _ in range(300):
         infos = env.step(rng.integers(0, 8, 4))[4]
         kept.append(infos)
-        seen.append({key: np.copy(infos[key]) for key in ("distance", "refused", "spl", "is_success", "gain_db")})
+        seen.append(
+            {
+                key: np.copy(infos[key])
+                for key in ("distance", "refused", "spl", "is_success", "gain_db")
+            }
+        )
         if len(kept) > 5:  # looked at late, when episodes have begun anew
             late, early = kept[-5], seen[-5]
             assert late["margin_db"].tolist() == (early["gain_db"] + 62.5).tolist()
@@ -130,7 +143,12 @@ def test_a_goal_that_the_own_start_cannot_reach_is_refused_where_starts_are_draw
 
 @pytest.mark.parametrize("observation", ["dict", "map"])
 def test_environments_with_goals_of_their_own_equal_single_ones(observation):
-    kwargs = {"observation": observation, "target_db": -62.2, "max_episode_steps": 25, "patch_radius": 3}
+    kwargs = {
+        "observation": observation,
+        "target_db": -62.2,
+        "max_episode_steps": 25,
+        "patch_radius": 3,
+    }
     kwargs["infos"] = "all"
     ends = [((20, 35), (24, 33)), ((30, 22), (33, 20)), ((20, 35), (15, 36)), ((0, 20), (3, 22))]
     ours = gymnasium.make_vec(ID, num_envs=4, autoreset_mode="Disabled", **kwargs)
@@ -141,7 +159,9 @@ def test_environments_with_goals_of_their_own_equal_single_ones(observation):
     def begin(i):
         options = {"start": ends[i][0], "goal": ends[i][1]}
         _, infos = ours.reset(options={**options, "reset_mask": np.arange(4) == i})
-        assert infos["oracle_distance"][i] == singles[i].reset(options=options)[1]["oracle_distance"]
+        assert (
+            infos["oracle_distance"][i] == singles[i].reset(options=options)[1]["oracle_distance"]
+        )
 
     for i in range(4):
         begin(i)
@@ -234,9 +254,17 @@ def test_pictures_and_texts_are_those_of_single_environments():
 
 def test_gymnasiums_vector_wrappers_fit():
     def last_infos(wrapper):
-        env = wrapper(gymnasium.make_vec(ID, num_envs=3, observation="flat", max_episode_steps=6, infos="all"))
+        env = wrapper(
+            gymnasium.make_vec(ID, num_envs=3, observation="flat", max_episode_steps=6, infos="all")
+        )
         env.reset(seed=0)
         return [env.step(np.full(3, 4))[4] for _ in range(6)][-1]
 
-    assert last_infos(gymnasium.wrappers.vector.RecordEpisodeStatistics)["episode"]["l"].tolist() == [6, 6, 6]
-    assert [info["refused"] for info in last_infos(gymnasium.wrappers.vector.DictInfoToList)] == [6, 6, 6]
+    assert last_infos(gymnasium.wrappers.vector.RecordEpisodeStatistics)["episode"][
+        "l"
+    ].tolist() == [6, 6, 6]
+    assert [info["refused"] for info in last_infos(gymnasium.wrappers.vector.DictInfoToList)] == [
+        6,
+        6,
+        6,
+    ]

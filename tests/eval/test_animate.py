@@ -17,7 +17,14 @@ from eval.commands.animate import LAST_MS, as_gif, film, main
 from eval.load_policy import LoadedPolicy, Place
 from irs_gym.mdp.task import Task
 
-CLOSE = Task(observation="flat", patch_radius=1, irs_phases=False, target_db=-62.2, start=(30, 22), goal=(33, 20))
+CLOSE = Task(
+    observation="flat",
+    patch_radius=1,
+    irs_phases=False,
+    target_db=-62.2,
+    start=(30, 22),
+    goal=(33, 20),
+)
 
 
 def frames_of(content: bytes) -> list[np.ndarray]:
@@ -60,8 +67,18 @@ def test_command_writes_a_reference_policys_episode(tmp_path, capsys):
 
 def test_command_writes_an_episode_of_a_run_into_its_folder(tmp_path, capsys):
     env = gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(CLOSE))
-    model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, policy_kwargs={"net_arch": [8]}, device="cpu", seed=0)
-    config = Config(algorithm="ppo", seed=0, env=arguments_of(CLOSE), agent={"net_arch": [8]}, training={})
+    model = PPO(
+        "MlpPolicy",
+        env,
+        n_steps=8,
+        batch_size=8,
+        policy_kwargs={"net_arch": [8]},
+        device="cpu",
+        seed=0,
+    )
+    config = Config(
+        algorithm="ppo", seed=0, env=arguments_of(CLOSE), agent={"net_arch": [8]}, training={}
+    )
     run = Run.create(tmp_path / "run", config)
     run.save_model("best", model, 0, is_success=False, ratio=None)
     assert main(str(run.folder)) == 0

@@ -1,4 +1,6 @@
-"""Facts of the scoreboard: every run is on it or named with the reason, and failures are never averaged away."""
+"""Facts of the scoreboard: every run is on it or named with the reason, and failures are never
+averaged away.
+"""
 
 import csv
 import json
@@ -33,7 +35,11 @@ from irs_gym.mdp.task import Task
 TINY = PpoConfig(n_envs=2, n_steps=4, batch_size=8, net_arch=(4,))
 FLOOR = RadioMap.from_array(np.zeros((4, 2)), 1.0)
 TASK = Task(radio_map=FLOOR, start=(0, 0), goal=(3, 0), observation="flat", patch_radius=0)
-MOVES = {"optimal": [0], "longer": [2, 6, 0], "failing": [4]}  # straight; 1 m north and back first; into the wall
+MOVES = {
+    "optimal": [0],
+    "longer": [2, 6, 0],
+    "failing": [4],
+}  # straight; 1 m north and back first; into the wall
 
 
 class Script:
@@ -66,10 +72,16 @@ def _scripts(monkeypatch):
 
 @pytest.fixture
 def make_run(tmp_path, model):
-    def make(kind: str, seed: int, *, status="finished", task: Task = TASK, rows=None, **agent) -> Run:
-        """A run whose best model does as its kind says: it arrives at second 20 of tests at 10, 20 and 30."""
+    def make(
+        kind: str, seed: int, *, status="finished", task: Task = TASK, rows=None, **agent
+    ) -> Run:
+        """A run whose best model does as its kind says: it arrives at second 20 of tests at 10, 20
+        and 30.
+        """
         settings = {"net_arch": [4], **agent}
-        config = Config(algorithm="ppo", seed=seed, env=arguments_of(task), agent=settings, training={})
+        config = Config(
+            algorithm="ppo", seed=seed, env=arguments_of(task), agent=settings, training={}
+        )
         run = Run.create(tmp_path / "runs" / f"{kind}-{len(find_runs(tmp_path))}", config)
         episode = roll_out(Script(MOVES[kind]), evaluation_env(run.task))
         run.save_model("best", model, 200, is_success=episode.is_success, ratio=episode.ratio)
@@ -77,7 +89,13 @@ def make_run(tmp_path, model):
         run.write_curve(
             rows
             or [
-                {"steps": 100 * n, "seconds": 10.0 * n, "is_success": success, "ratio": ratio, "spl": spl}
+                {
+                    "steps": 100 * n,
+                    "seconds": 10.0 * n,
+                    "is_success": success,
+                    "ratio": ratio,
+                    "spl": spl,
+                }
                 for n, (success, ratio, spl) in enumerate(told, start=1)
             ]
         )
@@ -127,14 +145,20 @@ def test_median_time_is_that_of_the_seed_in_the_middle(monkeypatch, tmp_path, ma
     assert "2 of 3, 20 s" in page
 
 
-def test_every_run_is_on_the_board_or_named_with_the_reason(monkeypatch, capsys, tmp_path, make_run):
+def test_every_run_is_on_the_board_or_named_with_the_reason(
+    monkeypatch, capsys, tmp_path, make_run
+):
     make_run("optimal", 0)
     reasons = {
         make_run("longer", 1, status="running").folder: "has not ended: its status is 'running'",
-        make_run("longer", 2, status="interrupted").folder: "has not ended: its status is 'interrupted'",
+        make_run(
+            "longer", 2, status="interrupted"
+        ).folder: "has not ended: its status is 'interrupted'",
         make_run("longer", 8, status="failed").folder: "has failed: out of memory",
         make_run("optimal", 0).folder: "repeats seed 0 of ",
-        make_run("optimal", 3, rows=[{"steps": 1, "seconds": 2, "ratio": 1}]).folder: "learning_curve.csv' is damaged",
+        make_run(
+            "optimal", 3, rows=[{"steps": 1, "seconds": 2, "ratio": 1}]
+        ).folder: "learning_curve.csv' is damaged",
     }
     (damaged := make_run("optimal", 4).folder / "best-200.npz").write_bytes(b"other")
     reasons[damaged.parent] = "is not loaded: its SHA-256"
@@ -157,7 +181,10 @@ def test_every_run_is_on_the_board_or_named_with_the_reason(monkeypatch, capsys,
         assert reason in told[str(folder)]
         assert all(str(folder) in text for text in (said, page, report))
     ppo = found["problems"][0]["standings"][1]
-    assert (ppo["seeds"], ppo["left_out"]) == ([0], 7)  # of the others, two cannot be read far enough to tell
+    assert (ppo["seeds"], ppo["left_out"]) == (
+        [0],
+        7,
+    )  # of the others, two cannot be read far enough to tell
     assert "1 (7 left out)" in page
 
 
@@ -178,7 +205,10 @@ def test_runs_are_grouped_by_problem_and_settings(monkeypatch, tmp_path, make_ru
         make_run("longer", seed, task=replace(TASK, shaping=False))
     problems = board_of(monkeypatch, tmp_path / "runs")["problems"]
     rows = [
-        {each["name"]: each["seeds"] for each in problem["standings"][1 : 1 - len(REFERENCE_POLICIES)]}
+        {
+            each["name"]: each["seeds"]
+            for each in problem["standings"][1 : 1 - len(REFERENCE_POLICIES)]
+        }
         for problem in problems
     ]
     assert rows == [{"PPO": [0, 1], "PPO, shaping False": [0, 1]}, {"PPO": [0, 1]}]
@@ -187,7 +217,10 @@ def test_runs_are_grouped_by_problem_and_settings(monkeypatch, tmp_path, make_ru
 
 def test_settings_shared_by_all_are_not_in_the_names(make_run):
     kinds = ({"gamma": 0.9}, {"gamma": 0.9, "width": 8}, {"gamma": 0.8})
-    groups = [results.Group.of(None, make_run("optimal", n, **kind).config) for n, kind in enumerate(kinds)]
+    groups = [
+        results.Group.of(None, make_run("optimal", n, **kind).config)
+        for n, kind in enumerate(kinds)
+    ]
     assert list(group_names(groups).values()) == ["PPO", "PPO, width 8", "PPO, gamma 0.8"]
 
 
@@ -207,7 +240,9 @@ def test_scores_over_all_problems_keep_the_seeds_whole(tmp_path, make_run):
     make_run("failing", 3, task=near)  # has no counterpart
     found, left_out = read_results(find_runs(tmp_path))
     assert not left_out
-    by_problem = [[each for each in found if each.problem.goal == goal] for goal in ((3, 0), (3, 1))]
+    by_problem = [
+        [each for each in found if each.problem.goal == goal] for goal in ((3, 0), (3, 1))
+    ]
     record = overall("PPO", by_problem, 2)
     assert record["seeds"] == [0, 1, 2]
     assert record["at_optimum"] == {"runs": 4, "of": 7}
@@ -217,7 +252,10 @@ def test_scores_over_all_problems_keep_the_seeds_whole(tmp_path, make_run):
 def test_report_is_one_file_that_needs_no_other(monkeypatch, tmp_path, make_run):
     for seed in range(2):
         make_run("optimal", seed)
-    assert call(monkeypatch, "board", tmp_path / "runs", "--out", tmp_path / "docs", "--episodes", 2) == 0
+    assert (
+        call(monkeypatch, "board", tmp_path / "runs", "--out", tmp_path / "docs", "--episodes", 2)
+        == 0
+    )
     page = (tmp_path / "runs/report.html").read_text()
     sources = re.findall(r'(?:src|href)="(.*?)"', page)
     assert sum(each.startswith("data:image/png;base64,") for each in sources) == 2
@@ -229,7 +267,10 @@ def test_report_is_one_file_that_needs_no_other(monkeypatch, tmp_path, make_run)
 
 def test_page_and_figures_go_where_they_are_wanted(monkeypatch, tmp_path, make_run):
     make_run("optimal", 0)
-    assert call(monkeypatch, "board", tmp_path / "runs", "--out", tmp_path / "docs", "--episodes", 2) == 0
+    assert (
+        call(monkeypatch, "board", tmp_path / "runs", "--out", tmp_path / "docs", "--episodes", 2)
+        == 0
+    )
     page = (tmp_path / "docs/scoreboard.md").read_text()
     links = re.findall(r"!\[.*?\]\((.*?)\)", page)
     assert len(links) == 2
@@ -239,10 +280,15 @@ def test_page_and_figures_go_where_they_are_wanted(monkeypatch, tmp_path, make_r
         assert (tmp_path / "docs" / link).stat().st_size < 60_000
     found = json.loads((tmp_path / "docs/board.json").read_text())
     assert page == markdown(found, "figures/scoreboard")  # nothing on the page comes from elsewhere
-    assert sorted(each.name for each in (tmp_path / "runs").iterdir()) == ["optimal-0", "report.html"]
+    assert sorted(each.name for each in (tmp_path / "runs").iterdir()) == [
+        "optimal-0",
+        "report.html",
+    ]
 
 
-def test_ablations_tell_how_many_times_the_usual_steps_each_variant_takes(monkeypatch, tmp_path, make_run):
+def test_ablations_tell_how_many_times_the_usual_steps_each_variant_takes(
+    monkeypatch, tmp_path, make_run
+):
     later = [{"steps": 500, "seconds": 9, "is_success": 1, "ratio": 1.0, "spl": 1.0}]
     for seed in range(3):
         make_run("optimal", seed)  # 200 steps to the optimum
@@ -266,7 +312,9 @@ def test_ablations_of_two_problems_are_refused(monkeypatch, capsys, tmp_path, ma
 
 
 @pytest.mark.parametrize("words", [["nowhere"], [""], ["--episodes", 0]])
-def test_folder_without_a_complete_run_is_refused_in_words(monkeypatch, capsys, tmp_path, make_run, words):
+def test_folder_without_a_complete_run_is_refused_in_words(
+    monkeypatch, capsys, tmp_path, make_run, words
+):
     make_run("optimal", 0, status="running")
     folder = tmp_path / "runs" / str(words[0]) if len(words) == 1 else tmp_path / "runs"
     assert call(monkeypatch, "board", folder, *words[1 if len(words) == 1 else 0 :]) == 2
@@ -278,7 +326,12 @@ def test_folder_without_a_complete_run_is_refused_in_words(monkeypatch, capsys, 
 
 def test_curves_hold_their_latest_test():
     def curve(steps, spl):
-        return Curve(np.array(steps, float), np.array(steps, float), np.array(spl), np.zeros(len(steps), bool))
+        return Curve(
+            np.array(steps, float),
+            np.array(steps, float),
+            np.array(spl),
+            np.zeros(len(steps), bool),
+        )
 
     steps, spl = align([curve([10, 30], [0.5, 1.0]), curve([20], [0.25])])
     assert steps.tolist() == [10, 20, 30]
@@ -351,13 +404,16 @@ def test_no_damaged_run_takes_the_board_with_it(monkeypatch, capsys, tmp_path, m
         DAMAGE[kind](run)
     found = board_of(monkeypatch, tmp_path / "runs")
     told = {each["folder"]: each["reason"] for each in found["left_out"]}
-    assert {kind: str(run.folder) in told for kind, run in damaged.items()} == dict.fromkeys(DAMAGE, True)
+    assert {kind: str(run.folder) in told for kind, run in damaged.items()} == dict.fromkeys(
+        DAMAGE, True
+    )
     assert [each["folder"] for each in found["runs"]] == [str(whole.folder)]
     assert capsys.readouterr().err.count("\n") == len(DAMAGE)
 
 
 @pytest.mark.parametrize(
-    "error", [RecursionError, MemoryError, KeyError("x"), UnicodeDecodeError("utf-8", b"", 0, 1, "")]
+    "error",
+    [RecursionError, MemoryError, KeyError("x"), UnicodeDecodeError("utf-8", b"", 0, 1, "")],
 )
 def test_run_is_left_out_whatever_it_raises(monkeypatch, make_run, error):
     runs = [make_run("optimal", seed) for seed in range(2)]
@@ -403,7 +459,11 @@ def test_names_of_strangers_are_text_on_the_page_and_nothing_else(monkeypatch, t
     known = "html head meta title link style body nav a div table thead tbody tr th td h1 h2 p pre code em br sub img"
     assert set(re.findall(r"<(\w+)", page)) <= set(known.split(" "))
     assert not re.findall(r'(?:href|src)="(?!#)', page)
-    rows = [line for line in (tmp_path / "runs/scoreboard.md").read_text().splitlines() if line.startswith("| PPO")]
+    rows = [
+        line
+        for line in (tmp_path / "runs/scoreboard.md").read_text().splitlines()
+        if line.startswith("| PPO")
+    ]
     assert len(rows) == 2 * 4  # over all problems, and on the one
 
 
@@ -417,5 +477,7 @@ def test_any_name_is_one_cell_that_shows_it(name, form):
     assert cells[1] == "end"
     inner = cells[0].removeprefix("<code>").removesuffix("</code>")
     assert not re.search("[<>]", inner)
-    plain = inner.replace("&lt;", "<").replace("&gt;", ">").replace("&quot;", '"').replace("&amp;", "&")
+    plain = (
+        inner.replace("&lt;", "<").replace("&gt;", ">").replace("&quot;", '"').replace("&amp;", "&")
+    )
     assert plain == "".join(each if each.isprintable() else ascii(each)[1:-1] for each in name)

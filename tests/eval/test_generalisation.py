@@ -1,4 +1,6 @@
-"""Facts of the page of agents on factories never seen: what is played, kept, counted, compared and told."""
+"""Facts of the page of agents on factories never seen: what is played, kept, counted, compared and
+told.
+"""
 
 import json
 from dataclasses import asdict
@@ -15,7 +17,12 @@ from agents.learning.map_learner import MapLearner
 from agents.policies.replanning import Replanner
 from agents.rollout.scene_set import SceneSetResults, play_scene_set
 from agents.runs.manifest import Config
-from agents.runs.pretrained import GeneralistPretrainedEntry, Models, PretrainedError, load_pretrained
+from agents.runs.pretrained import (
+    GeneralistPretrainedEntry,
+    Models,
+    PretrainedError,
+    load_pretrained,
+)
 from agents.runs.run_folder import Run
 from eval.commands import generalisation
 from eval.statistics import ONE_SEED, paired_difference
@@ -35,9 +42,14 @@ def save(folder, config, seed, *, scenes=3000, spl=0.5):
     learner = MapLearner(config, tiny_pool(seed=seed), seed)
     learner.teacher.update(learner.pool, 0.0)
     env = {**SCENES, "num_scenes": scenes}
-    run = Run.create(folder, Config(algorithm=config.algorithm, seed=seed, env=env, agent=asdict(config), training={}))
+    run = Run.create(
+        folder,
+        Config(algorithm=config.algorithm, seed=seed, env=env, agent=asdict(config), training={}),
+    )
     run.save_model("best", learner, 8, success=0.5, spl=spl)
-    run.write_curve([{"steps": 80, "seconds": 4.0 + seed, "success": 0.5, "spl": spl, "ratio": 1.0}])
+    run.write_curve(
+        [{"steps": 80, "seconds": 4.0 + seed, "success": 0.5, "spl": spl, "ratio": 1.0}]
+    )
     run.update(status="finished")
     return run
 
@@ -57,10 +69,19 @@ def runs(tmp_path):
 def small(monkeypatch):
     """Small pools in place of the sets, and no measuring of speed."""
     monkeypatch.setattr(
-        generalisation, "build_scene_set", lambda name, scenes: tiny_pool(scenes, (12, 11), seed=len(name))
+        generalisation,
+        "build_scene_set",
+        lambda name, scenes: tiny_pool(scenes, (12, 11), seed=len(name)),
     )
-    monkeypatch.setattr(generalisation, "largest_scene_set", lambda scenes: tiny_pool(2, (20, 20), seed=7))
-    rates = {"load_before": 0.5, "scenes_per_second": 12.0, "steps_per_second": {"64": 1e6, "1024": 3e6}, "maps": 9}
+    monkeypatch.setattr(
+        generalisation, "largest_scene_set", lambda scenes: tiny_pool(2, (20, 20), seed=7)
+    )
+    rates = {
+        "load_before": 0.5,
+        "scenes_per_second": 12.0,
+        "steps_per_second": {"64": 1e6, "1024": 3e6},
+        "maps": 9,
+    }
     monkeypatch.setattr(generalisation, "throughput", lambda: rates)
 
 
@@ -83,10 +104,14 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
     assert explorer["seeds"] == [0, 1]
     assert (explorer["seconds"], explorer["steps_per_second"]) == (4.5, np.median([80 / 4, 80 / 5]))
     pool = tiny_pool(8, (12, 11), seed=4)
-    by_hand = [play_scene_set(Run.open(runs / f"explorer{seed}").load_model(), pool) for seed in (0, 1)]
+    by_hand = [
+        play_scene_set(Run.open(runs / f"explorer{seed}").load_model(), pool) for seed in (0, 1)
+    ]
     found = explorer["sets"]["test"]["all"]
     assert found["spl_by_seed"] == pytest.approx([each.spl.mean() for each in by_hand])
-    assert found["success"]["value"] == pytest.approx(np.mean([each.is_success for each in by_hand]))
+    assert found["success"]["value"] == pytest.approx(
+        np.mean([each.is_success for each in by_hand])
+    )
     rival = play_scene_set(Replanner(pool.shape, 5), pool)
     assert found["over_replanning"]["value"] == pytest.approx(
         np.mean([each.spl - rival.spl for each in by_hand]), abs=1e-12
@@ -99,7 +124,11 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
     for name, _ in told:
         assert f"| {name} |" in page
     for figure in ("scenes", "gallery"):
-        assert (tmp_path / f"docs/figures/generalisation/{figure}.png").read_bytes().startswith(b"\x89PNG")
+        assert (
+            (tmp_path / f"docs/figures/generalisation/{figure}.png")
+            .read_bytes()
+            .startswith(b"\x89PNG")
+        )
 
 
 def test_what_was_played_is_played_once_and_anew_for_another_model(tmp_path):
@@ -107,7 +136,9 @@ def test_what_was_played_is_played_once_and_anew_for_another_model(tmp_path):
 
     def episodes(pool):
         played.append(pool)
-        return SceneSetResults(np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance)
+        return SceneSetResults(
+            np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance
+        )
 
     file, player = tmp_path / "new/kept.npz", Player("it", episodes)
     first = policy_results.kept(file, POOL, "a", player)
@@ -135,7 +166,9 @@ def test_what_was_played_is_played_anew_where_its_file_is_forged_or_damaged(tmp_
 
     def episodes(pool):
         played.append(pool)
-        return SceneSetResults(np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance)
+        return SceneSetResults(
+            np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance
+        )
 
     policy_results.kept(file, POOL, "a", Player("it", episodes))
     with np.load(file) as arrays:
@@ -151,15 +184,22 @@ def test_what_was_played_is_played_anew_where_its_file_is_forged_or_damaged(tmp_
 
 def test_runs_that_cannot_count_are_left_out_by_name(monkeypatch, small, runs, tmp_path, capsys):
     Run.open(runs / "few").update(status="interrupted")
-    Run.create(runs / "single", Config(algorithm="q_learning", seed=0, env={}, agent={}, training={}))
-    assert call(monkeypatch, "generalisation", runs, "--out", tmp_path / "docs", "--num-scenes", 3) == 0
+    Run.create(
+        runs / "single", Config(algorithm="q_learning", seed=0, env={}, agent={}, training={})
+    )
+    assert (
+        call(monkeypatch, "generalisation", runs, "--out", tmp_path / "docs", "--num-scenes", 3)
+        == 0
+    )
     said = capsys.readouterr().err
     assert "few: has not ended: its status is 'interrupted'" in said
     assert "single: q_learning learned in one scene" in said
     assert "few" in (tmp_path / "docs/generalisation.md").read_text().split("## Runs left out")[1]
 
 
-@pytest.mark.parametrize(("words", "message"), [((), "no complete run"), (("--num-scenes", 0), "num_scenes=0")])
+@pytest.mark.parametrize(
+    ("words", "message"), [((), "no complete run"), (("--num-scenes", 0), "num_scenes=0")]
+)
 def test_page_without_runs_or_scenes_is_refused(monkeypatch, capsys, tmp_path, words, message):
     assert call(monkeypatch, "generalisation", tmp_path, *words) == 2
     assert message in capsys.readouterr().err
@@ -214,7 +254,9 @@ def test_best_generalist_is_kept_and_loaded_only_as_it_was_kept(monkeypatch, run
     assert load_pretrained("explorer", folder=models, split="ood-size").policy.shape == (80, 80)
     with pytest.raises(PretrainedError, match="observation='map', not 'flat'"):
         load_pretrained("planner", folder=models, observation="flat")
-    with pytest.raises(PretrainedError, match="no pretrained 'vin' for many scenes; there are explorer, planner"):
+    with pytest.raises(
+        PretrainedError, match="no pretrained 'vin' for many scenes; there are explorer, planner"
+    ):
         load_pretrained("vin", folder=models)
     path = models / "planner.npz"
     path.write_bytes(path.read_bytes() + b"x")
@@ -229,7 +271,9 @@ def test_files_and_references_are_scored_beside_runs(monkeypatch, capsys, runs, 
     scenes.mkdir()
     load_scene("paper").save(scenes / "paper.json")
     (file,) = (runs / "planner1").glob("best-*.npz")
-    assert call(monkeypatch, "score", file, "replanning", runs / "explorer0", "--scenes", scenes) == 0
+    assert (
+        call(monkeypatch, "score", file, "replanning", runs / "explorer0", "--scenes", scenes) == 0
+    )
     said = capsys.readouterr().out
     assert str(file) in said
     assert "replanning" in said
@@ -244,7 +288,9 @@ def test_files_and_references_are_scored_beside_runs(monkeypatch, capsys, runs, 
 def test_throughput_counts_scenes_and_steps(monkeypatch):
     monkeypatch.setattr(throughput, "ROUNDS", 2)
     drawn = []
-    monkeypatch.setattr(throughput, "draw_solved_scene", lambda rng: drawn.append(generator.draw_solved_scene(rng)))
+    monkeypatch.setattr(
+        throughput, "draw_solved_scene", lambda rng: drawn.append(generator.draw_solved_scene(rng))
+    )
 
     class Env:
         def __init__(self, robots, **_):

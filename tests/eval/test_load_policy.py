@@ -43,13 +43,19 @@ def test_policies_of_many_scenes_play_the_generated_scene_that_is_named(splits, 
     name = name.replace("models", str(MODELS))
     found = load_policy(name, Place(split="ood-size", scene_id=2), "ansi")
     assert splits == [("ood-size", 3)]
-    policy = Replanner(POOL.shape, 5) if name == "replanning" else load_pretrained(name.split("/")[-1][:8]).policy
+    policy = (
+        Replanner(POOL.shape, 5)
+        if name == "replanning"
+        else load_pretrained(name.split("/")[-1][:8]).policy
+    )
     assert episode_of(found).distance == pytest.approx(play_scene_set(policy, POOL).distance[2])
     if isinstance(found.policy, Explorer):
         assert found.policy.shape == POOL.shape
 
 
-def test_policies_of_many_scenes_play_the_first_test_scene_at_home_and_one_scene_as_it_is_changed(splits):
+def test_policies_of_many_scenes_play_the_first_test_scene_at_home_and_one_scene_as_it_is_changed(
+    splits,
+):
     load_policy("planner", AT_HOME, "ansi")
     assert splits == [("test", 1)]
     found = load_policy("planner", Place(target_db=-62.0, phase_bits=2, irs_elements=600), "ansi")
@@ -67,7 +73,9 @@ def test_references_play_the_task_and_the_generated_scenes(splits):
     assert episode_of(found).distance == pytest.approx(21.571, abs=1e-3)
     assert not splits
     found = load_policy("oracle", Place(scene_id=1), "ansi")
-    path = shortest_path(POOL.feasible[1], tuple(POOL.start[1].tolist()), tuple(POOL.goal[1].tolist()), 0.5)
+    path = shortest_path(
+        POOL.feasible[1], tuple(POOL.start[1].tolist()), tuple(POOL.goal[1].tolist()), 0.5
+    )
     assert episode_of(found).distance == pytest.approx(path.distance)
 
 
@@ -75,7 +83,9 @@ def test_pretrained_agents_of_one_task_play_it_alone():
     found = load_policy("ppo", Place(target_db=-62.5, phase_bits=1), "ansi")
     assert isinstance(found.env, gymnasium.Env)
     assert episode_of(found).ratio == pytest.approx(1.0)
-    with pytest.raises(ValueError, match="split cannot be given here: this policy learned in one scene"):
+    with pytest.raises(
+        ValueError, match="split cannot be given here: this policy learned in one scene"
+    ):
         load_policy("ppo", Place(split="test"), "ansi")
 
 
@@ -84,8 +94,14 @@ def test_pretrained_agents_of_one_task_play_it_alone():
     [
         (["planner", "--split", "tests"], "tests"),
         (["planner", "--scene-id", "-1"], "scene_id=-1 must be 0 or more"),
-        (["planner", "--scene", "paper", "--scene-id", "1"], "scene_id cannot be given along with scene"),
-        (["oracle", "--split", "test", "--target-db", "-60"], "split cannot be given along with target_db"),
+        (
+            ["planner", "--scene", "paper", "--scene-id", "1"],
+            "scene_id cannot be given along with scene",
+        ),
+        (
+            ["oracle", "--split", "test", "--target-db", "-60"],
+            "split cannot be given along with target_db",
+        ),
         (["planner", "--target-db", "-40"], "-59.5106 dB"),
         (["planner", "--phase-bits", "0"], "phase_bits"),
         (["nowhere.npz"], "nowhere.npz"),

@@ -13,7 +13,12 @@ from PIL import Image
 
 from eval.commands import paper
 from eval.paper import monte_carlo, scaling
-from eval.paper.beyond_sections import cost_promises, cost_section, distinct_gains, trade_off_section
+from eval.paper.beyond_sections import (
+    cost_promises,
+    cost_section,
+    distinct_gains,
+    trade_off_section,
+)
 from eval.paper.claim import Claim, number
 from eval.paper.curve_figures import draw_distance_over_target
 from eval.paper.distance_claims import excess, extra_elements, lost_db
@@ -46,13 +51,15 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-# --- what is written -------------------------------------------------------------------------------------------------
+# --- what is written ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_each_figure_is_a_picture_a_drawing_and_its_data(written, name):
     with Image.open(written / "figures" / f"{name}.png") as picture:
-        assert len(np.unique(np.asarray(picture.convert("L")))) > 10  # something is drawn, and not in one grey
+        assert (
+            len(np.unique(np.asarray(picture.convert("L")))) > 10
+        )  # something is drawn, and not in one grey
     assert (written / "figures" / f"{name}.svg").read_text(encoding="utf-8").count("<path") > 10
     assert rows_of(written / "figures" / f"{name}.csv")
     assert f"figures/{name}.png" in (written / "paper.md").read_text(encoding="utf-8")
@@ -88,7 +95,11 @@ def test_the_data_of_the_figures_are_the_maps_paths_and_curves(written):
             STUDY.distance(scheme, -61.8, elements=int(row["elements"])), abs=1e-6
         )
     for scheme in (WITHOUT, ONE_BIT, CONTINUOUS):
-        rows = [row for row in rows_of(written / "figures" / "paths.csv") if row["scheme"] == scheme.name]
+        rows = [
+            row
+            for row in rows_of(written / "figures" / "paths.csv")
+            if row["scheme"] == scheme.name
+        ]
         points = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
         length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
         assert length == pytest.approx(STUDY.distance(scheme, -63.0), abs=1e-6)
@@ -96,7 +107,11 @@ def test_the_data_of_the_figures_are_the_maps_paths_and_curves(written):
 
 @pytest.mark.parametrize(
     ("draw", "name"),
-    [(draw_scene, "scene"), (draw_gain_maps, "gain_maps"), (draw_distance_over_target, "distance_over_target")],
+    [
+        (draw_scene, "scene"),
+        (draw_gain_maps, "gain_maps"),
+        (draw_distance_over_target, "distance_over_target"),
+    ],
 )
 def test_figures_of_the_same_data_are_the_same_files(written, tmp_path, draw, name):
     draw(STUDY, tmp_path)
@@ -104,14 +119,21 @@ def test_figures_of_the_same_data_are_the_same_files(written, tmp_path, draw, na
         assert (tmp_path / file).read_bytes() == (written / "figures" / file).read_bytes()
 
 
-# --- when it fails ---------------------------------------------------------------------------------------------------
+# --- when it fails --------------------------------------------------------------------------------
 
 
 def test_a_scene_in_which_the_papers_numbers_do_not_hold_fails(tmp_path, capsys):
     scene = STUDY.scene
     moved = scene.access_points[0].model_copy(update={"position": (1.0, 10.0, 2.0)})
-    scene.model_copy(update={"name": "moved", "access_points": (moved,)}).save(tmp_path / "moved.json")
-    assert paper.main(scene=str(tmp_path / "moved.json"), out=tmp_path / "docs", cost=False, draws=1000) == 1
+    scene.model_copy(update={"name": "moved", "access_points": (moved,)}).save(
+        tmp_path / "moved.json"
+    )
+    assert (
+        paper.main(
+            scene=str(tmp_path / "moved.json"), out=tmp_path / "docs", cost=False, draws=1000
+        )
+        == 1
+    )
     page = (tmp_path / "docs" / "paper.md").read_text(encoding="utf-8")
     assert "NOT MET" in page
     assert "are not" in capsys.readouterr().err
@@ -125,7 +147,9 @@ def test_a_scene_in_which_the_papers_numbers_do_not_hold_fails(tmp_path, capsys)
         ({"draws": 10}, "draws=10 must be 1000 or more"),
     ],
 )
-def test_what_it_cannot_judge_is_refused_before_anything_is_written(tmp_path, capsys, arguments, message):
+def test_what_it_cannot_judge_is_refused_before_anything_is_written(
+    tmp_path, capsys, arguments, message
+):
     assert paper.main(out=tmp_path / "docs", cost=False, **arguments) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "docs").exists()
@@ -142,7 +166,11 @@ def test_only_a_broken_promise_fails():
     kept = number("kept", 1.0, 1.04, " dB", 2, 0.05)
     open_question = number("open", 1.0, 2.0, " dB", 2, 0.05, is_promised=False)
     broken = number("broken", 1.0, 2.0, " dB", 2, 0.05)
-    assert [claim.verdict for claim in (kept, open_question, broken)] == ["met", "not met, see note", "NOT MET"]
+    assert [claim.verdict for claim in (kept, open_question, broken)] == [
+        "met",
+        "not met, see note",
+        "NOT MET",
+    ]
     assert paper.report([kept, open_question], []) == 0
     assert paper.report([kept, broken], []) == 1
     assert number("infeasible", 1.0, -inf, " dB", 2, 0.05) == Claim(
@@ -150,7 +178,7 @@ def test_only_a_broken_promise_fails():
     )
 
 
-# --- what is compared ------------------------------------------------------------------------------------------------
+# --- what is compared -----------------------------------------------------------------------------
 
 
 def random_curve(seed: int) -> TradeOff:
@@ -165,7 +193,9 @@ def test_excess_is_the_largest_ratio_of_a_fine_sweep(seed):
     targets = np.linspace(-9, -1, 80001)
     reached = np.isfinite(shorter.distance_at(targets))
     if reached.any():
-        swept = 100 * np.max(longer.distance_at(targets)[reached] / shorter.distance_at(targets)[reached] - 1)
+        swept = 100 * np.max(
+            longer.distance_at(targets)[reached] / shorter.distance_at(targets)[reached] - 1
+        )
         assert excess(longer, shorter, -9, -1) == pytest.approx(swept, rel=1e-12)
 
 
@@ -181,10 +211,18 @@ def test_extra_elements_are_those_of_all_pairs_of_schemes_and_numbers():
     counts, expected = range(200, 3601, 200), 0
     for scheme, m in product((TWO_BIT, THREE_BIT, CONTINUOUS), counts):
         length = STUDY.distance(scheme, -61.8, elements=m)
-        fewest = min(n for n in counts if STUDY.distance(scheme, -61.8, elements=n) <= length + 1e-9)
-        needed = min(n for n in counts if STUDY.distance(ONE_BIT, -61.8, elements=n) <= length + 1e-9)
+        fewest = min(
+            n for n in counts if STUDY.distance(scheme, -61.8, elements=n) <= length + 1e-9
+        )
+        needed = min(
+            n for n in counts if STUDY.distance(ONE_BIT, -61.8, elements=n) <= length + 1e-9
+        )
         expected = max(expected, needed - fewest)
-    assert extra_elements(STUDY, ONE_BIT, [TWO_BIT, THREE_BIT, CONTINUOUS], "nearest") == expected == 600
+    assert (
+        extra_elements(STUDY, ONE_BIT, [TWO_BIT, THREE_BIT, CONTINUOUS], "nearest")
+        == expected
+        == 600
+    )
 
 
 def test_a_panel_of_flat_sub_surfaces_needs_1400_more_elements_beyond_the_axis_of_the_figure():
@@ -224,7 +262,9 @@ def test_moves_that_dip_are_found_point_by_point():
     deepest = []
     for first, second in zip(path.cells[:-1], path.cells[1:], strict=True):
         ends = centres[tuple(first)], centres[tuple(second)]
-        points = np.array([ends[0] + share * (ends[1] - ends[0]) for share in np.linspace(0, 1, 41)])
+        points = np.array(
+            [ends[0] + share * (ends[1] - ends[0]) for share in np.linspace(0, 1, 41)]
+        )
         deepest.append(target_db - min(float(STUDY.gain_at(point[None])[0]) for point in points))
     found = dips_of_path(STUDY, CONTINUOUS, target_db)
     assert found.moves == len(deepest) == 39
@@ -244,7 +284,7 @@ def test_the_phases_of_the_paper_attain_its_bound():
     assert model_claims(STUDY)[0].is_met
 
 
-# --- drawn channels --------------------------------------------------------------------------------------------------
+# --- drawn channels -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("formula", [monte_carlo.lemma_1, monte_carlo.tau, monte_carlo.quantiser])
@@ -272,14 +312,16 @@ def test_the_loss_without_the_wrap_is_drawn_and_exact(bits):
 
 def test_standard_errors_are_those_of_independent_draws():
     rng = np.random.default_rng(0)
-    ends = [[each[-1] for each in monte_carlo.estimate(rng.normal(3, 2, (20, 50)))] for _ in range(400)]
+    ends = [
+        [each[-1] for each in monte_carlo.estimate(rng.normal(3, 2, (20, 50)))] for _ in range(400)
+    ]
     means, errors, draws = np.array(ends).T
     assert set(draws) == {1000}
     assert errors.mean() == pytest.approx(2 / 1000**0.5, rel=0.02)
     assert means.std() == pytest.approx(errors.mean(), rel=0.1)
 
 
-# --- cost ------------------------------------------------------------------------------------------------------------
+# --- cost -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("task", [task for task in scaling.TASKS if task.startswith("path")])
@@ -306,15 +348,27 @@ def some_costs(**changes: float) -> list[ScalingCost]:
     costs = [ScalingCost("imports alone", 0, 0.0, 70.0, None)]
     for cells in (1600, 40_000, 1_000_000):
         seconds = changes.get("seconds", 2e-3) * (cells / 1600) ** changes.get("power", 1.0)
-        costs.append(ScalingCost("map, continuous phases", cells, seconds, changes.get("peak_mib", 100.0), None))
+        costs.append(
+            ScalingCost(
+                "map, continuous phases", cells, seconds, changes.get("peak_mib", 100.0), None
+            )
+        )
         costs.append(ScalingCost("path, irs_gym", cells, seconds, 100.0, 20.0))
-        costs.append(ScalingCost("path, networkx", cells, seconds, 100.0, 20.0 + changes.get("apart", 0.0)))
+        costs.append(
+            ScalingCost("path, networkx", cells, seconds, 100.0, 20.0 + changes.get("apart", 0.0))
+        )
     return costs
 
 
 @pytest.mark.parametrize(
     ("changes", "broken"),
-    [({}, []), ({"seconds": 6e-3}, [0]), ({"peak_mib": 1100.0}, [1]), ({"power": 1.5}, [2]), ({"apart": 1e-6}, [3])],
+    [
+        ({}, []),
+        ({"seconds": 6e-3}, [0]),
+        ({"peak_mib": 1100.0}, [1]),
+        ({"power": 1.5}, [2]),
+        ({"apart": 1e-6}, [3]),
+    ],
 )
 def test_promises_of_cost_are_kept_or_not(changes, broken):
     promises = cost_promises(some_costs(**changes))

@@ -1,4 +1,6 @@
-"""Facts of `python -m eval play`, without a display: the window is SDL's dummy, the keys are posted events."""
+"""Facts of `python -m eval play`, without a display: the window is SDL's dummy, the keys are posted
+events.
+"""
 
 import subprocess
 import sys
@@ -44,7 +46,9 @@ def close(pygame) -> None:
 def test_every_set_of_keys_moves_in_all_eight_directions(pygame, set_of_keys):
     env = window(start=(10, 20), goal=(33, 20), target_db=-80.0)
     taken = []
-    env.unwrapped.step = lambda action, step=env.unwrapped.step: taken.append(MOVE_NAMES[action]) or step(action)
+    env.unwrapped.step = lambda action, step=env.unwrapped.step: (
+        taken.append(MOVE_NAMES[action]) or step(action)
+    )
     press(pygame, *(pygame.key.key_code(play.NAMES[action][set_of_keys]) for action in range(8)))
     close(pygame)
     play.play_by_keyboard(env, seed=0)
@@ -55,7 +59,9 @@ def test_every_set_of_keys_moves_in_all_eight_directions(pygame, set_of_keys):
 def test_an_episode_ends_is_told_and_begins_anew_on_r(pygame):
     env = window(**CLOSE)
     to_goal = [pygame.K_RIGHT, pygame.K_PAGEDOWN, pygame.K_PAGEDOWN]
-    press(pygame, *to_goal, pygame.K_LEFT, pygame.K_r, pygame.K_RIGHT)  # left comes after the end: nothing moves
+    press(
+        pygame, *to_goal, pygame.K_LEFT, pygame.K_r, pygame.K_RIGHT
+    )  # left comes after the end: nothing moves
     press(pygame, pygame.K_ESCAPE)
     told = []
     play.play_by_keyboard(env, seed=0, tell=told.append)
@@ -67,7 +73,10 @@ def test_an_episode_ends_is_told_and_begins_anew_on_r(pygame):
 def test_title_tells_how_far_the_robot_came(pygame):
     env = window(**CLOSE)
     titles = []
-    show, play._show = play._show, lambda *infos: show(*infos) or titles.append(pygame.display.get_caption()[0])
+    show, play._show = (
+        play._show,
+        lambda *infos: show(*infos) or titles.append(pygame.display.get_caption()[0]),
+    )
     try:
         press(pygame, pygame.K_RIGHT)
         close(pygame)
@@ -92,6 +101,8 @@ def test_command_refuses_what_cannot_be_played(capsys):
 
 def test_missing_pygame_is_told_in_a_line():
     code = "import sys; sys.modules['pygame'] = None; from eval.commands.play import main; sys.exit(main())"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 2
     assert done.stderr == "python -m eval play: the window needs pygame: pip install pygame-ce\n"

@@ -1,4 +1,6 @@
-"""Facts of scoring: the oracle scores one, failures count as failures, and a run is scored as it was trained."""
+"""Facts of scoring: the oracle scores one, failures count as failures, and a run is scored as it
+was trained.
+"""
 
 import json
 from dataclasses import asdict, dataclass
@@ -29,7 +31,9 @@ TINY = PpoConfig(n_envs=2, n_steps=4, batch_size=8, net_arch=(4,))
 @pytest.fixture
 def run(tmp_path) -> Run:
     """A run whose agent has learned nothing."""
-    config = Config(algorithm="ppo", seed=0, env=arguments_of(TASK), agent=asdict(TINY), training={})
+    config = Config(
+        algorithm="ppo", seed=0, env=arguments_of(TASK), agent=asdict(TINY), training={}
+    )
     run = Run.create(tmp_path / "run", config)
     run.save_model("best", untrained(), 0, is_success=False, ratio=None)
     return run
@@ -42,7 +46,17 @@ def untrained():
 def episode(*, is_success: bool, distance: float, refused: int = 0) -> EpisodeResult:
     spl = 10.0 / distance if is_success else 0.0
     progress = 1.0 if is_success else 0.25
-    return EpisodeResult(is_success, distance, 10.0, spl, progress, refused, 20, 0.0, np.zeros((1, 2), dtype=np.int64))
+    return EpisodeResult(
+        is_success,
+        distance,
+        10.0,
+        spl,
+        progress,
+        refused,
+        20,
+        0.0,
+        np.zeros((1, 2), dtype=np.int64),
+    )
 
 
 @pytest.mark.parametrize("target_db", [-63.0, -61.8, -60.0])
@@ -56,7 +70,11 @@ def test_oracle_policy_scores_one(target_db):
 
 def test_failures_count_as_failures_and_lend_no_distance():
     result = score(
-        "some", [episode(is_success=True, distance=12.5, refused=1), episode(is_success=False, distance=3.0)]
+        "some",
+        [
+            episode(is_success=True, distance=12.5, refused=1),
+            episode(is_success=False, distance=3.0),
+        ],
     )
     assert (result.episodes, result.success, result.distance, result.ratio) == (2, 0.5, 12.5, 1.25)
     assert (result.spl, result.refused) == (0.4, 0.5)  # (10 / 12.5 + 0) / 2, and (1 + 0) / 2
@@ -84,7 +102,9 @@ class Script:
     ],
 )
 def test_soft_spl_weighs_progress_by_the_way_taken(moves, progress, soft_spl):
-    env = evaluation_env(Task(radio_map=RadioMap.from_array(np.zeros((5, 2)), 1.0), start=(0, 0), goal=(4, 0)))
+    env = evaluation_env(
+        Task(radio_map=RadioMap.from_array(np.zeros((5, 2)), 1.0), start=(0, 0), goal=(4, 0))
+    )
     episode = roll_out(Script(moves), env)
     assert (episode.progress, episode.soft_spl) == pytest.approx((progress, soft_spl))
 
@@ -92,9 +112,16 @@ def test_soft_spl_weighs_progress_by_the_way_taken(moves, progress, soft_spl):
 def test_progress_over_cells_below_the_target_is_none():
     gain_db = np.zeros((5, 2))
     gain_db[2, 0] = -100.0
-    task = Task(radio_map=RadioMap.from_array(gain_db, 1.0), start=(0, 0), goal=(4, 0), constraint="allow")
+    task = Task(
+        radio_map=RadioMap.from_array(gain_db, 1.0), start=(0, 0), goal=(4, 0), constraint="allow"
+    )
     episode = roll_out(Script([0]), evaluation_env(task))
-    assert (episode.distance, episode.is_success, episode.spl, episode.soft_spl) == (4.0, False, 0.0, 0.0)
+    assert (episode.distance, episode.is_success, episode.spl, episode.soft_spl) == (
+        4.0,
+        False,
+        0.0,
+        0.0,
+    )
 
 
 def test_policy_that_never_arrives_has_no_ratio():
@@ -108,7 +135,9 @@ def test_random_policies_play_many_episodes_and_do_the_same_again():
     assert {name: len(each) for name, each in played[0].items()} == {
         "oracle": 1, "replanning": 1, "greedy": 1, "greedy_margin": 1, "masked_random": 3, "random": 3,
     }  # fmt: skip
-    assert [each.refused for each in played[0]["random"]] == [each.refused for each in played[1]["random"]]
+    assert [each.refused for each in played[0]["random"]] == [
+        each.refused for each in played[1]["random"]
+    ]
     assert len({each.refused for each in played[0]["random"]}) > 1
 
 
@@ -116,7 +145,11 @@ def test_run_is_scored_beside_all_references(monkeypatch, capsys, run):
     assert call(monkeypatch, "score", run.folder, "--episodes", 2) == 0
     record = json.loads((run.folder / "scores.json").read_text())
     rows = {row["policy"]: row for row in record["scores"]}
-    assert list(rows) == ["oracle", "ppo", *(name for name in REFERENCE_POLICIES if name != "oracle")]
+    assert list(rows) == [
+        "oracle",
+        "ppo",
+        *(name for name in REFERENCE_POLICIES if name != "oracle"),
+    ]
     assert rows["oracle"]["ratio"] == pytest.approx(1.0, abs=1e-12)
     assert (rows["ppo"]["success"], rows["ppo"]["ratio"]) == (0.0, None)
     env = evaluation_env(TASK)
@@ -133,7 +166,9 @@ def test_run_is_scored_beside_all_references(monkeypatch, capsys, run):
 def test_table_of_a_terminal_of_80_columns_is_not_cut():
     failed = score("masked_random", [episode(is_success=False, distance=3.0, refused=33)] * 100)
     console = Console(width=80, file=StringIO())
-    console.print(table([score("greedy_margin", [episode(is_success=True, distance=12.345)]), failed]))
+    console.print(
+        table([score("greedy_margin", [episode(is_success=True, distance=12.345)]), failed])
+    )
     assert "12.345" in console.file.getvalue()
     assert "…" not in console.file.getvalue()
 
@@ -141,7 +176,9 @@ def test_table_of_a_terminal_of_80_columns_is_not_cut():
 def test_several_runs_are_scored_in_one_call(monkeypatch, run, tmp_path):
     other = Run.create(tmp_path / "other", run.config)
     other.save_model("last", untrained(), 0, is_success=False, ratio=None)
-    assert call(monkeypatch, "score", run.folder, other.folder, "--episodes", 1) == 2  # the other has no best model
+    assert (
+        call(monkeypatch, "score", run.folder, other.folder, "--episodes", 1) == 2
+    )  # the other has no best model
     assert call(monkeypatch, "score", other.folder, "--model", "last", "--episodes", 1) == 0
     assert (run.folder / "scores.json").exists()
     assert (other.folder / "scores.json").exists()
@@ -150,7 +187,10 @@ def test_several_runs_are_scored_in_one_call(monkeypatch, run, tmp_path):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda run: (run.folder / "best-0.npz").write_bytes(b"other"), "is not loaded: its SHA-256"),
+        (
+            lambda run: (run.folder / "best-0.npz").write_bytes(b"other"),
+            "is not loaded: its SHA-256",
+        ),
         (lambda run: (run.folder / "best-0.npz").unlink(), "cannot be read"),
         (lambda run: (run.folder / "config.json").write_text("{"), "config.json' is not loaded"),
         (lambda run: (run.folder / "manifest.json").unlink(), "not a run folder"),
@@ -182,12 +222,16 @@ def test_picture_shows_each_path_in_its_place():
     is_orange = [(np.abs(each - (255, 127, 14)).sum(axis=2) < 30) for each in pictures]
     assert is_orange[0].sum() < 50
     columns = np.flatnonzero(is_orange[1][:800].any(axis=0))
-    assert np.ptp(columns) > 0.9 * 812  # the path crosses the map from wall to wall, and the map is 812 px wide
+    assert (
+        np.ptp(columns) > 0.9 * 812
+    )  # the path crosses the map from wall to wall, and the map is 812 px wide
 
 
 def test_picture_of_a_map_from_elsewhere():
     gain_db = np.zeros((6, 3))
     gain_db[3, 1] = -np.inf
-    env = evaluation_env(Task(radio_map=RadioMap.from_array(gain_db, 1.0), start=(0, 1), goal=(5, 1)))
+    env = evaluation_env(
+        Task(radio_map=RadioMap.from_array(gain_db, 1.0), start=(0, 1), goal=(5, 1))
+    )
     content = draw_path_overlay(env.unwrapped.world, {"oracle": roll_out(oracle(env), env)})
     assert Image.open(BytesIO(content)).format == "PNG"

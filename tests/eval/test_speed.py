@@ -60,7 +60,11 @@ def test_a_bar_is_met_missed_or_not_measured():
     rates["one environment"].by_name["CartPole-v1"] = [2.0]  # exactly what is needed
     rates["64 environments"].by_name["CartPole-v1"] = [1.21]
     bars = speed.judge(
-        rates, [EventCost("import irs_gym", Spread(0.6, 0.5, 0.7)), EventCost("a new start", Spread(1, 1, 1), 0.5)]
+        rates,
+        [
+            EventCost("import irs_gym", Spread(0.6, 0.5, 0.7)),
+            EventCost("a new start", Spread(1, 1, 1), 0.5),
+        ],
     )
     verdicts = {bar.what: bar.is_met for bar in bars}
     assert verdicts["one environment: IrsNav-v0 over CartPole-v1"] is True

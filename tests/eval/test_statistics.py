@@ -1,4 +1,6 @@
-"""Facts of the statistics over seeds: hand-computed cases, failures that count, and intervals that are wide enough."""
+"""Facts of the statistics over seeds: hand-computed cases, failures that count, and intervals that
+are wide enough.
+"""
 
 from math import comb, inf
 
@@ -26,11 +28,16 @@ def interval(values, statistic=mean):
 
 
 def test_two_seeds_resample_to_either_of_them():
-    assert interval([0.0, 1.0]) == (0.5, 0.0, 1.0)  # means 0, 1/2, 1 with probabilities 1/4, 1/2, 1/4
+    assert interval([0.0, 1.0]) == (
+        0.5,
+        0.0,
+        1.0,
+    )  # means 0, 1/2, 1 with probabilities 1/4, 1/2, 1/4
 
 
 def test_interval_ends_where_the_binomial_tail_ends():
-    # Means of resamples of (0, 0, 0, 4) are k with probability C(4, k) 3^(4-k) / 4^4: P(4) = .004, P(3 or more) = .051.
+    # Means of resamples of (0, 0, 0, 4) are k with probability C(4, k) 3^(4-k) / 4^4: P(4) = .004,
+    # P(3 or more) = .051.
     assert sum(comb(4, k) * 3 ** (4 - k) for k in (3, 4)) / 4**4 > 0.025 > 1 / 4**4
     assert interval([0, 0, 0, 4]) == (1.0, 0.0, 3.0)
     # Of (0, 0, 3): P(3) = 1/27 is more than 2.5 %.
@@ -47,8 +54,12 @@ def test_mean_of_many_seeds_has_the_interval_of_the_normal_law():
 
 def test_interquartile_mean_leaves_out_a_quarter_at_each_end():
     assert interquartile_mean(np.array([[9.0], [1.0], [3.0], [5.0]])) == 4.0
-    assert interquartile_mean(np.array([[9.0, 1.0], [3.0, 5.0]])) == 4.0  # over seeds and tasks alike
-    assert interquartile_mean(np.arange(10.0)[:, None] ** 2) == np.mean(np.arange(2.0, 8.0) ** 2)  # int(10 / 4) each
+    assert (
+        interquartile_mean(np.array([[9.0, 1.0], [3.0, 5.0]])) == 4.0
+    )  # over seeds and tasks alike
+    assert interquartile_mean(np.arange(10.0)[:, None] ** 2) == np.mean(
+        np.arange(2.0, 8.0) ** 2
+    )  # int(10 / 4) each
     assert interquartile_mean(np.array([[1.0], [2.0], [6.0]])) == 3.0  # int(3 / 4) = 0
 
 
@@ -67,11 +78,18 @@ def test_median_with_failures_as_infinite():
 
 def test_one_seed_has_no_interval_and_says_so():
     assert estimate([0.5]) == Estimate(0.5, None, None, ONE_SEED)
-    assert estimate([[0.5, 1.0, 0.0]]) == Estimate(0.5, None, None, ONE_SEED)  # three tasks are no three seeds
+    assert estimate([[0.5, 1.0, 0.0]]) == Estimate(
+        0.5, None, None, ONE_SEED
+    )  # three tasks are no three seeds
 
 
 def test_equal_seeds_have_no_width_and_say_so():
-    for statistic, value in ((mean, 1.0), (interquartile_mean, 1.0), (optimality_gap, 0.0), (median, 1.0)):
+    for statistic, value in (
+        (mean, 1.0),
+        (interquartile_mean, 1.0),
+        (optimality_gap, 0.0),
+        (median, 1.0),
+    ):
         assert estimate([1.0] * 10, statistic) == Estimate(value, value, value, ALL_EQUAL)
     assert estimate([[0.0, 1.0]] * 3).note == ALL_EQUAL
     assert not estimate([[0.0, 1.0], [1.0, 0.0]]).note
@@ -98,7 +116,11 @@ def test_share_of_seeds_keeps_an_interval_at_all_and_none():
 
 
 def test_tasks_of_a_seed_stay_together():
-    assert interval([[0.0] * 50, [1.0] * 50]) == (0.5, 0.0, 1.0)  # as two seeds, not as a hundred draws
+    assert interval([[0.0] * 50, [1.0] * 50]) == (
+        0.5,
+        0.0,
+        1.0,
+    )  # as two seeds, not as a hundred draws
     opposite = np.array([[0.0, 1.0], [1.0, 0.0], [0.25, 0.75]])
     assert interval(opposite) == (0.5, 0.5, 0.5)  # each seed's mean is 1/2, so each resample's is
 

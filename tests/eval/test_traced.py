@@ -35,7 +35,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.array([list(map(float, line.split())) for line in body[:corners]]), triangles[:, 1:]
 
 
-# --- meshes ----------------------------------------------------------------------------------------------------------
+# --- meshes ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("is_room", [False, True])
@@ -43,7 +43,9 @@ def test_a_box_is_closed_and_its_normals_point_out_of_the_material(tmp_path, is_
     lower, upper = (-7.0, -3.0, 0.5), (-3.0, 1.0, 1.3)
     traced.write_box(tmp_path / "box.ply", lower, upper, is_room)
     corners, triangles = read_ply(tmp_path / "box.ply")
-    assert sorted(map(tuple, corners)) == sorted((x, y, z) for x in (-7, -3) for y in (-3, 1) for z in (0.5, 1.3))
+    assert sorted(map(tuple, corners)) == sorted(
+        (x, y, z) for x in (-7, -3) for y in (-3, 1) for z in (0.5, 1.3)
+    )
     # closed and of one orientation: each edge is run along once either way
     edges = [(int(t[a]), int(t[b])) for t in triangles for a, b in ((0, 1), (1, 2), (2, 0))]
     assert len(set(edges)) == len(edges)
@@ -63,7 +65,9 @@ def test_the_meshes_are_the_room_and_all_its_boxes(tmp_path):
     assert room.max(axis=0).tolist() == [10, 10, 5]
     for path, box in zip(meshes["obstacle"], SCENE.obstacles, strict=True):
         corners, _ = read_ply(path)
-        np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [box.lower, box.upper], atol=1e-9)
+        np.testing.assert_allclose(
+            [corners.min(axis=0), corners.max(axis=0)], [box.lower, box.upper], atol=1e-9
+        )
 
 
 def test_an_access_point_on_a_wall_is_moved_into_the_room_and_no_other():
@@ -71,7 +75,7 @@ def test_an_access_point_on_a_wall_is_moved_into_the_room_and_no_other():
     assert traced.inside(SCENE, (1.0, 2.0, 3.0)) == [1.0, 2.0, 3.0]
 
 
-# --- the saved map ---------------------------------------------------------------------------------------------------
+# --- the saved map --------------------------------------------------------------------------------
 
 
 def test_the_saved_map_lies_on_the_papers_grid_with_its_obstacles(saved):
@@ -80,13 +84,18 @@ def test_the_saved_map_lies_on_the_papers_grid_with_its_obstacles(saved):
     np.testing.assert_array_equal(saved.free, model.free)
 
 
-def test_the_saved_map_is_near_free_space_in_sight_of_the_access_point_and_below_it_in_the_shadows(saved):
-    places = np.concatenate([saved.grid.centres(), np.full((*saved.grid.shape, 1), SCENE.antenna_height)], axis=-1)
+def test_the_saved_map_is_near_free_space_in_sight_of_the_access_point_and_below_it_in_the_shadows(
+    saved,
+):
+    places = np.concatenate(
+        [saved.grid.centres(), np.full((*saved.grid.shape, 1), SCENE.antenna_height)], axis=-1
+    )
     offset = places - traced.inside(SCENE, SCENE.access_points[0].position)
     free_space_db = 20 * np.log10(299_792_458 / 2e9 / (4 * np.pi * np.linalg.norm(offset, axis=-1)))
     is_clear = is_line_of_sight(places, SCENE.access_points[0].position, SCENE.boxes)
     over = saved.gain_db - free_space_db
-    # walls, floor and ceiling reflect, so more arrives than through free space, but never less than a little
+    # walls, floor and ceiling reflect, so more arrives than through free space, but never less than
+    # a little
     assert over[saved.free & is_clear].min() > -1
     assert 0 < np.median(over[saved.free & is_clear]) < 6
     assert np.median(over[saved.free & ~is_clear]) < np.median(over[saved.free & is_clear]) - 3
@@ -99,13 +108,15 @@ def test_the_saved_map_is_as_symmetric_as_the_room(saved):
 
 def test_the_saved_map_is_an_environment_whose_oracle_crosses_the_room(saved):
     ends = {"start": (0, 20), "goal": (39, 20)}
-    env = gymnasium.make("irs_gym:IrsNav-v0", radio_map=str(DOCS / "sionna.npz"), target_db=-63.0, **ends)
+    env = gymnasium.make(
+        "irs_gym:IrsNav-v0", radio_map=str(DOCS / "sionna.npz"), target_db=-63.0, **ends
+    )
     _, info = env.reset(seed=0)
     expected = shortest_path(saved.gain_db >= -63.0, (0, 20), (39, 20), 0.5)
     assert info["oracle_distance"] == pytest.approx(expected.distance, abs=1e-9)
 
 
-# --- the command -----------------------------------------------------------------------------------------------------
+# --- the command ----------------------------------------------------------------------------------
 
 
 def test_the_page_is_written_again_from_the_saved_map(tmp_path):
@@ -115,7 +126,9 @@ def test_the_page_is_written_again_from_the_saved_map(tmp_path):
     assert (tmp_path / "sionna.md").read_text() == (DOCS / "sionna.md").read_text()
     for suffix in ("png", "svg", "csv"):
         assert (tmp_path / "figures" / f"sionna.{suffix}").stat().st_size > 1000
-    assert (tmp_path / "figures" / "sionna.csv").read_text() == (DOCS / "figures" / "sionna.csv").read_text()
+    assert (tmp_path / "figures" / "sionna.csv").read_text() == (
+        DOCS / "figures" / "sionna.csv"
+    ).read_text()
 
 
 def test_without_a_saved_map_it_says_so(tmp_path, capsys):

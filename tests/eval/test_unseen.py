@@ -25,7 +25,9 @@ def run(tmp_path):
     """A planner that has hardly learned, as a run."""
     learner = MapLearner(PlannerConfig(total_scenes=8, batch_scenes=4), tiny_pool(), 0)
     learner.teacher.update(learner.pool, 0.0)
-    run = Run.create(tmp_path / "run", Config(algorithm="planner", seed=0, env={}, agent={}, training={}))
+    run = Run.create(
+        tmp_path / "run", Config(algorithm="planner", seed=0, env={}, agent={}, training={})
+    )
     run.save_model("best", learner, 8, success=0.5, spl=0.5)
     return run
 
@@ -35,12 +37,16 @@ def scenes(tmp_path):
     folder = tmp_path / "scenes"
     folder.mkdir()
     for target in (-63.0, -61.0):
-        load_scene("paper").model_copy(update={"target_db": target}).save(folder / f"at{target:g}.json")
+        load_scene("paper").model_copy(update={"target_db": target}).save(
+            folder / f"at{target:g}.json"
+        )
     return folder
 
 
 def test_scores_count_failures_and_the_hard_scenes_alone():
-    episodes = SceneSetResults(np.array([True, True, False]), np.array([2.0, 5.0, 9.0]), np.array([2.0, 4.0, 3.0]))
+    episodes = SceneSetResults(
+        np.array([True, True, False]), np.array([2.0, 5.0, 9.0]), np.array([2.0, 4.0, 3.0])
+    )
     whole, hard = score_of(episodes), score_of(episodes, np.array([False, True, True]))
     assert (whole.scenes, whole.success, whole.exact) == (3, 2 / 3, 1 / 3)
     assert whole.spl == pytest.approx((1 + 0.8 + 0) / 3)
@@ -56,7 +62,9 @@ def test_detour_is_the_oracles_distance_over_the_octile_distance():
     assert pool.oracle_distance == pytest.approx([21.571, 21.571, 23.228, 25.642, 25.642], abs=1e-3)
 
 
-def test_scores_on_scene_files_are_those_of_playing_each_in_the_environment(monkeypatch, run, scenes):
+def test_scores_on_scene_files_are_those_of_playing_each_in_the_environment(
+    monkeypatch, run, scenes
+):
     assert call(monkeypatch, "score", run.folder, "--scenes", scenes) == 0
     record = json.loads((run.folder / "unseen.json").read_text())
     (found,) = record["scores"].values()

@@ -1,4 +1,6 @@
-"""Facts about optimal actions, transition tables and optimal action values, against the environment's own steps."""
+"""Facts about optimal actions, transition tables and optimal action values, against the
+environment's own steps.
+"""
 
 import gymnasium
 import numpy as np
@@ -16,11 +18,17 @@ CONSTRAINTS = ["refuse", "terminate", "allow"]
 
 
 def stepped(env, number=0):
-    """Next cell, reward and end of every action in every cell that a robot may be in, by stepping: ``(S, 8)``."""
+    """Next cell, reward and end of every action in every cell that a robot may be in, by stepping:
+    ``(S, 8)``.
+    """
     columns, world = env.world.feasible.shape[1], env.worlds.world(number)
-    to, reward, ends = (np.zeros((world.feasible.size, 8), dtype=kind) for kind in (np.int64, float, bool))
+    to, reward, ends = (
+        np.zeros((world.feasible.size, 8), dtype=kind) for kind in (np.int64, float, bool)
+    )
     starts = []
-    for start in np.argwhere(np.isfinite(POOL.distance_to_go[number]) & (POOL.distance_to_go[number] > 0)).tolist():
+    for start in np.argwhere(
+        np.isfinite(POOL.distance_to_go[number]) & (POOL.distance_to_go[number] > 0)
+    ).tolist():
         here = start[0] * columns + start[1]
         starts.append(here)
         for action in range(8):
@@ -30,7 +38,9 @@ def stepped(env, number=0):
 
 
 def make(**kwargs):
-    return gymnasium.make(RANDOM_ID, scenes=POOL, observation="cell", goal_bonus=100.0, **kwargs).unwrapped
+    return gymnasium.make(
+        RANDOM_ID, scenes=POOL, observation="cell", goal_bonus=100.0, **kwargs
+    ).unwrapped
 
 
 @pytest.mark.parametrize("constraint", CONSTRAINTS)
@@ -50,10 +60,14 @@ def test_the_transition_table_is_what_the_steps_do(constraint, shaping):
         assert table.is_terminated[goal].all()
 
 
-@pytest.mark.parametrize("constraint", ["refuse", "terminate"])  # allowed, a robot may go where no episode begins
+@pytest.mark.parametrize(
+    "constraint", ["refuse", "terminate"]
+)  # allowed, a robot may go where no episode begins
 @pytest.mark.parametrize("shaping", [True, False])
 @pytest.mark.parametrize("gamma", [0.3, 0.9, 0.99, 1.0, 1])
-def test_optimal_q_is_the_limit_of_value_iteration_over_the_environments_own_steps(constraint, shaping, gamma):
+def test_optimal_q_is_the_limit_of_value_iteration_over_the_environments_own_steps(
+    constraint, shaping, gamma
+):
     env = make(constraint=constraint, shaping=shaping)
     for number in range(len(POOL)):
         starts, to, reward, ends = stepped(env, number)
@@ -114,7 +128,9 @@ def test_a_walk_that_never_ends_is_worth_its_discounted_sum_and_undiscounted_not
     assert (optimal_q(loop, 1.0) == -np.inf).all()
 
 
-@pytest.mark.parametrize("gamma", [0, 0.0, -0.5, 1.0001, float("nan"), float("inf"), True, "0.9", None, np.zeros(1)])
+@pytest.mark.parametrize(
+    "gamma", [0, 0.0, -0.5, 1.0001, float("nan"), float("inf"), True, "0.9", None, np.zeros(1)]
+)
 def test_a_discount_out_of_range_is_refused(gamma):
     with pytest.raises(ValueError, match=r"gamma=.* must be a number above 0 and up to 1"):
         make().optimal_q(gamma)
@@ -123,7 +139,10 @@ def test_a_discount_out_of_range_is_refused(gamma):
 def test_all_optimal_actions_are_told_from_any_cell():
     env = gymnasium.make(ID).unwrapped
     env.reset(options={"start": (20, 35), "goal": (30, 37)})
-    assert env.optimal_actions().tolist() == [0, 1]  # two of the ten moves are diagonal, in any order
+    assert env.optimal_actions().tolist() == [
+        0,
+        1,
+    ]  # two of the ten moves are diagonal, in any order
     assert env.optimal_actions().dtype == np.int64
     env.step(1), env.step(1)
     assert env.optimal_actions().tolist() == [0]
@@ -131,22 +150,36 @@ def test_all_optimal_actions_are_told_from_any_cell():
     assert env.optimal_actions(np.array([30, 38])).tolist() == [6]
     for nowhere in ((30, 37), (8, 8), (39, 10)):  # the goal, an obstacle, a cell that is cut off
         assert env.optimal_actions(nowhere).shape == (0,)
-    for bad, message in (((40, 0), "lies off the map"), ((-1, 0), "lies off the map"), (7, "cell=7 must be a cell")):
+    for bad, message in (
+        ((40, 0), "lies off the map"),
+        ((-1, 0), "lies off the map"),
+        (7, "cell=7 must be a cell"),
+    ):
         with pytest.raises(ValueError, match=message):
             env.optimal_actions(bad)
 
 
 @pytest.mark.parametrize("cell_size", [0.1, 0.3, 1 / 3, 0.7, 1e-3])
 def test_no_tie_is_lost_to_the_rounding_of_lengths(cell_size):
-    """On an open floor, every move that comes nearer by octile distance as counted in whole numbers is optimal."""
+    """On an open floor, every move that comes nearer by octile distance as counted in whole numbers
+    is optimal.
+    """
     env = gymnasium.make(ID, radio_map=irs_gym.RadioMap.from_array(np.zeros((60, 45)), cell_size), start=(0, 0),
                          goal=(41, 23), target_db=-1.0).unwrapped  # fmt: skip
     for i in range(60):
         for j in range(45):
             apart = np.abs(np.array([41 - i, 23 - j]))
             after = np.abs(np.array([41, 23]) - (np.array([i, j]) + MOVES))
-            diagonal, straight = apart.min() - after.min(axis=1), np.ptp(apart) - np.ptp(after, axis=1)
+            diagonal, straight = (
+                apart.min() - after.min(axis=1),
+                np.ptp(apart) - np.ptp(after, axis=1),
+            )
             is_long = MOVE_LENGTHS > 1
-            on_map = ((np.array([i, j]) + MOVES >= 0) & (np.array([i, j]) + MOVES < [60, 45])).all(axis=1)
+            on_map = ((np.array([i, j]) + MOVES >= 0) & (np.array([i, j]) + MOVES < [60, 45])).all(
+                axis=1
+            )
             is_optimal = on_map & (diagonal == is_long) & (straight == ~is_long)
-            assert env.optimal_actions((i, j)).tolist() == np.flatnonzero(is_optimal).tolist(), (i, j)
+            assert env.optimal_actions((i, j)).tolist() == np.flatnonzero(is_optimal).tolist(), (
+                i,
+                j,
+            )

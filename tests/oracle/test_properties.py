@@ -25,7 +25,10 @@ cell_sizes = st.sampled_from([0.5, 1.0])
 
 def facts(examples):
     return settings(
-        max_examples=examples, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+        max_examples=examples,
+        deadline=None,
+        derandomize=True,
+        suppress_health_check=[HealthCheck.too_slow],
     )
 
 
@@ -36,13 +39,18 @@ def tenths(low: int, high: int) -> st.SearchStrategy[float]:
 
 @st.composite
 def scenes(draw) -> Scene:
-    """A hall of 3 to 7 m with up to three boxes, two access points and two panels, lengths in decimetres."""
+    """A hall of 3 to 7 m with up to three boxes, two access points and two panels, lengths in
+    decimetres.
+    """
     x, y, width, depth = (draw(st.integers(*ends)) for ends in [(-4, 3), (-4, 3), (3, 7), (3, 7)])
     room = {"x_min": x, "x_max": x + width, "y_min": y, "y_max": y + depth, "height": 3}
 
     def box():
         size = [draw(tenths(3, 10 * side // 2)) for side in (width, depth)] + [draw(tenths(4, 30))]
-        corner = [draw(tenths(0, 10 * side - round(10 * s))) for side, s in zip((width, depth), size, strict=False)]
+        corner = [
+            draw(tenths(0, 10 * side - round(10 * s)))
+            for side, s in zip((width, depth), size, strict=False)
+        ]
         return {"center": (x + corner[0] + size[0] / 2, y + corner[1] + size[1] / 2), "size": size}
 
     def panel():
@@ -79,14 +87,25 @@ def scenes(draw) -> Scene:
 
 
 def holds(box, point) -> bool:
-    return all(abs(p - c) <= s / 2 for p, c, s in zip(point, box["center"], box["size"], strict=False))
+    return all(
+        abs(p - c) <= s / 2 for p, c, s in zip(point, box["center"], box["size"], strict=False)
+    )
 
 
 def placed(scene: Scene, moved, walls=SAME, axes=(0, 1)) -> Scene:
-    """The scene with every point (x, y) moved, its walls renamed and its boxes' sides in another order."""
+    """The scene with every point (x, y) moved, its walls renamed and its boxes' sides in another
+    order.
+    """
     data = scene.model_dump()
-    (x_min, y_min), (x_max, y_max) = (moved(*corner) for corner in (scene.room.lower, scene.room.upper))
-    data["room"] |= {"x_min": min(x_min, x_max), "x_max": max(x_min, x_max), "y_min": y_min, "y_max": y_max}
+    (x_min, y_min), (x_max, y_max) = (
+        moved(*corner) for corner in (scene.room.lower, scene.room.upper)
+    )
+    data["room"] |= {
+        "x_min": min(x_min, x_max),
+        "x_max": max(x_min, x_max),
+        "y_min": y_min,
+        "y_max": y_max,
+    }
     for box in data["obstacles"]:
         box["center"] = moved(*box["center"])
         box["size"] = (*(box["size"][axis] for axis in axes), box["size"][2])
@@ -101,14 +120,18 @@ def placed(scene: Scene, moved, walls=SAME, axes=(0, 1)) -> Scene:
 def largest_difference_db(one, other) -> float:
     """+inf where the obstacles differ."""
     free = np.isfinite(one)
-    return np.abs(one[free] - other[free]).max(initial=0.0) if np.array_equal(free, np.isfinite(other)) else inf
+    return (
+        np.abs(one[free] - other[free]).max(initial=0.0)
+        if np.array_equal(free, np.isfinite(other))
+        else inf
+    )
 
 
 def power(scene, *setting):
     return 10 ** (build_radio_map(scene, *setting).gain_db / 10)
 
 
-# --- the map ----------------------------------------------------------------------------------------------------------
+# --- the map --------------------------------------------------------------------------------------
 
 
 @facts(60)
@@ -117,7 +140,8 @@ def test_continuous_phases_beat_optimal_levels_and_those_beat_the_nearest(scene,
     continuous = power(scene, 1.0, None, None, "nearest", model)
     for bits in (1, 2, 3):
         optimal, nearest, printed = (
-            power(scene, 1.0, None, bits, quantiser, model) for quantiser in ("optimal", "nearest", "as_printed")
+            power(scene, 1.0, None, bits, quantiser, model)
+            for quantiser in ("optimal", "nearest", "as_printed")
         )
         assert (continuous >= optimal * (1 - 1e-12)).all()
         assert (optimal >= nearest * (1 - 1e-12)).all()
@@ -144,7 +168,9 @@ def test_no_phase_shifts_give_more_than_the_papers_upper_bound(scene, model, see
         phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, reflected.shape)
         anyhow = np.abs(direct + (reflected * np.exp(1j * phases)).sum(axis=1)) ** 2 + tau
         assert (anyhow <= bound * (1 + 1e-12)).all()
-        assert np.allclose(each.expected_gain(Hardware(None, "nearest", model)), bound, rtol=1e-12, atol=0)
+        assert np.allclose(
+            each.expected_gain(Hardware(None, "nearest", model)), bound, rtol=1e-12, atol=0
+        )
         for quantiser in ("nearest", "as_printed", "optimal"):
             assert (each.expected_gain(Hardware(1, quantiser, model)) <= bound * (1 + 1e-12)).all()
 
@@ -154,7 +180,9 @@ def test_no_phase_shifts_give_more_than_the_papers_upper_bound(scene, model, see
 def test_moving_the_whole_scene_changes_nothing(scene, model, dx, dy):
     away = placed(scene, lambda x, y: (x + dx, y + dy))
     for bits, quantiser in [(None, "nearest"), (1, "optimal"), (2, "optimal")]:
-        here, there = (build_radio_map(s, 1.0, None, bits, quantiser, model).gain_db for s in (scene, away))
+        here, there = (
+            build_radio_map(s, 1.0, None, bits, quantiser, model).gain_db for s in (scene, away)
+        )
         assert largest_difference_db(here, there) < 1e-9
 
 
@@ -163,7 +191,10 @@ def test_moving_the_whole_scene_changes_nothing(scene, model, dx, dy):
 def test_mirroring_the_scene_mirrors_the_map(scene, model, cell_size):
     mirrored = placed(scene, lambda x, y: (-x, y), MIRRORED)
     for bits, quantiser in [(None, "nearest"), (1, "optimal"), (3, "optimal")]:
-        here, there = (build_radio_map(s, cell_size, None, bits, quantiser, model).gain_db for s in (scene, mirrored))
+        here, there = (
+            build_radio_map(s, cell_size, None, bits, quantiser, model).gain_db
+            for s in (scene, mirrored)
+        )
         assert largest_difference_db(here, there[::-1]) < 1e-9
 
 
@@ -179,14 +210,19 @@ def test_swapping_the_axes_swaps_those_of_the_map(scene, model):
 @given(scenes())
 def test_the_order_of_parts_does_not_matter(scene):
     turned = scene.model_copy(
-        update={name: getattr(scene, name)[::-1] for name in ("obstacles", "access_points", "irs_panels")}
+        update={
+            name: getattr(scene, name)[::-1]
+            for name in ("obstacles", "access_points", "irs_panels")
+        }
     )
     for bits in (None, 2):
-        here, there = (build_radio_map(s, 1.0, None, bits, "optimal").gain_db for s in (scene, turned))
+        here, there = (
+            build_radio_map(s, 1.0, None, bits, "optimal").gain_db for s in (scene, turned)
+        )
         assert largest_difference_db(here, there) < 1e-9
 
 
-# --- the oracle -------------------------------------------------------------------------------------------------------
+# --- the oracle -----------------------------------------------------------------------------------
 
 
 @facts(60)
@@ -219,7 +255,7 @@ def test_the_highest_target_is_where_the_path_breaks(scene, cell_size):
         assert shortest_path(radio_map.feasible(highest), start, goal, cell_size) is not None
 
 
-# --- files ------------------------------------------------------------------------------------------------------------
+# --- files ----------------------------------------------------------------------------------------
 
 
 @facts(40)

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from irs_gym.grid import Grid
-from irs_gym.oracle.shortest_path import descend, distance_to_go, highest_feasible_target, path_length, shortest_path
+from irs_gym.oracle.shortest_path import (
+    descend,
+    distance_to_go,
+    highest_feasible_target,
+    path_length,
+    shortest_path,
+)
 from irs_gym.radio.radio_map import build_radio_map
 from irs_gym.radio.scene import load_scene
 
@@ -17,7 +23,9 @@ SHAPES = [(1, 1), (1, 7), (8, 1), (2, 2), (3, 5), (6, 6), (9, 4), (12, 17)]
 
 
 def graph_of(feasible, cell_size=1.0) -> nx.Graph:
-    """The paper's graph, eq. (17): all feasible cells, joined where their centres are at most sqrt(2) cells apart."""
+    """The paper's graph, eq. (17): all feasible cells, joined where their centres are at most
+    sqrt(2) cells apart.
+    """
     cells = nx.Graph()
     cells.add_nodes_from(cell for cell in np.ndindex(feasible.shape) if feasible[cell])
     for i, j in list(cells):
@@ -41,7 +49,7 @@ def steps(cells):
     return np.abs(np.diff(cells, axis=0))
 
 
-# --- shortest paths ---------------------------------------------------------------------------------------------------
+# --- shortest paths -------------------------------------------------------------------------------
 
 
 def test_the_shortest_path_equals_networkx_on_random_maps():
@@ -58,7 +66,9 @@ def test_the_shortest_path_equals_networkx_on_random_maps():
         assert (path.cells.dtype, path.cells.shape[1]) == (np.int64, 2)
         assert all(feasible[tuple(cell)] for cell in path.cells)
         assert len(path.cells) == 1 or (steps(path.cells).max(axis=1) == 1).all()
-        assert path.distance == pytest.approx(np.hypot(*steps(path.cells).T).sum() * cell_size, abs=1e-9)
+        assert path.distance == pytest.approx(
+            np.hypot(*steps(path.cells).T).sum() * cell_size, abs=1e-9
+        )
         reached += 1
     assert min(reached, missed) > 100
 
@@ -67,7 +77,9 @@ def test_distances_to_go_equal_networkx_on_random_maps():
     for feasible, _, goal, cell_size in random_maps(200):
         expected = np.full(feasible.shape, inf)
         if feasible[goal]:
-            for cell, length in nx.single_source_dijkstra_path_length(graph_of(feasible, cell_size), goal).items():
+            for cell, length in nx.single_source_dijkstra_path_length(
+                graph_of(feasible, cell_size), goal
+            ).items():
                 expected[cell] = length
         to_go = distance_to_go(feasible, goal, cell_size)
         assert to_go.dtype == np.float64
@@ -142,7 +154,7 @@ def test_an_end_off_the_map_is_refused(cell):
             call()
 
 
-# --- the highest feasible target --------------------------------------------------------------------------------------
+# --- the highest feasible target ------------------------------------------------------------------
 
 
 def highest_target_by_sweep(gain_db, start, goal) -> float:
@@ -196,7 +208,7 @@ def test_a_target_is_that_of_the_worst_cell_on_the_best_way():
     assert highest_feasible_target(gain_db, (0, 0), (0, 2)) == -4.0
 
 
-# --- the numbers of the paper -----------------------------------------------------------------------------------------
+# --- the numbers of the paper ---------------------------------------------------------------------
 
 GRID = load_scene("paper").grid(0.5)
 START, GOAL = GRID.cell_of((-10.0, 0.0)), GRID.cell_of((10.0, 0.0))
@@ -237,7 +249,14 @@ def test_continuous_phases_gain_2_57_db_over_no_irs():
 
 @pytest.mark.parametrize(
     ("target_db", "distance"),
-    [(-63.0, 21.571), (-61.93, 21.571), (-61.8, 23.228), (-61.55, 24.056), (-61.17, 25.642), (-59.9, 26.228)],
+    [
+        (-63.0, 21.571),
+        (-61.93, 21.571),
+        (-61.8, 23.228),
+        (-61.55, 24.056),
+        (-61.17, 25.642),
+        (-59.9, 26.228),
+    ],
 )
 def test_the_shortest_distance_with_continuous_phases_at(target_db, distance):
     assert metres(target_db) == pytest.approx(distance, abs=5e-4)

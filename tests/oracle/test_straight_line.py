@@ -16,9 +16,11 @@ def cells(*rows):
 
 
 def is_inside(feasible, first, second):
-    """Whether a segment between lattice points (half cells) stays inside the closed feasible cells: exact, slow.
+    """Whether a segment between lattice points (half cells) stays inside the closed feasible cells:
+    exact, slow.
 
-    The segment is cut where it meets a border between cells; each piece lies in one cell or on one border.
+    The segment is cut where it meets a border between cells; each piece lies in one cell or on one
+    border.
     """
     (x0, y0), (x1, y1) = first, second
     cuts = {Fraction(0), Fraction(1)}
@@ -33,7 +35,11 @@ def is_inside(feasible, first, second):
             for i in ({x // 2} if x % 2 else {x // 2 - 1, x // 2})
             for j in ({y // 2} if y % 2 else {y // 2 - 1, y // 2})
         ]
-        on_map = [cell for cell in around if 0 <= cell[0] < feasible.shape[0] and 0 <= cell[1] < feasible.shape[1]]
+        on_map = [
+            cell
+            for cell in around
+            if 0 <= cell[0] < feasible.shape[0] and 0 <= cell[1] < feasible.shape[1]
+        ]
         if not any(feasible[int(i), int(j)] for i, j in on_map):
             return False
     return True
@@ -42,12 +48,16 @@ def is_inside(feasible, first, second):
 def brute_force_bound(feasible, start, goal):
     """The shortest path in the visibility graph of all corners of all cells, in cells."""
     ends = [(2 * i + 1, 2 * j + 1) for i, j in (start, goal)]
-    lattice = [(2 * i, 2 * j) for i in range(feasible.shape[0] + 1) for j in range(feasible.shape[1] + 1)]
+    lattice = [
+        (2 * i, 2 * j) for i in range(feasible.shape[0] + 1) for j in range(feasible.shape[1] + 1)
+    ]
     graph = networkx.Graph()
     graph.add_nodes_from(ends)
     for first, second in combinations([*dict.fromkeys(ends), *lattice], 2):
         if is_inside(feasible, first, second):
-            graph.add_edge(first, second, weight=hypot(second[0] - first[0], second[1] - first[1]) / 2)
+            graph.add_edge(
+                first, second, weight=hypot(second[0] - first[0], second[1] - first[1]) / 2
+            )
     if not (feasible[start] and feasible[goal] and networkx.has_path(graph, *ends)):
         return inf
     return networkx.dijkstra_path_length(graph, *ends)
@@ -56,7 +66,9 @@ def brute_force_bound(feasible, start, goal):
 @pytest.mark.parametrize("seed", range(40))
 def test_bound_equals_brute_force_over_all_corners_of_all_cells(seed):
     rng = np.random.default_rng(seed)
-    feasible = rng.random((int(rng.integers(2, 7)), int(rng.integers(2, 7)))) < rng.choice([0.4, 0.6, 0.8])
+    feasible = rng.random((int(rng.integers(2, 7)), int(rng.integers(2, 7)))) < rng.choice(
+        [0.4, 0.6, 0.8]
+    )
     start, goal = (0, 0), (feasible.shape[0] - 1, feasible.shape[1] - 1)
     feasible[start] = feasible[goal] = True
     expected = brute_force_bound(feasible, start, goal)
@@ -85,8 +97,12 @@ def test_it_is_never_above_the_oracle_nor_below_the_straight_line(seed, density)
 def test_it_is_below_the_oracle_on_the_paper_s_map_at_every_step_of_the_target():
     radio_map = build_radio_map("paper")
     curve = trade_off(radio_map.gain_db, (0, 20), (39, 20), 0.5)
-    bounds = [straight_line_bound(radio_map.feasible(t), (0, 20), (39, 20), 0.5) for t in curve.targets_db]
-    assert all(19.5 < bound < distance for bound, distance in zip(bounds, curve.distances, strict=True))
+    bounds = [
+        straight_line_bound(radio_map.feasible(t), (0, 20), (39, 20), 0.5) for t in curve.targets_db
+    ]
+    assert all(
+        19.5 < bound < distance for bound, distance in zip(bounds, curve.distances, strict=True)
+    )
     assert bounds == sorted(bounds)
 
 
@@ -108,7 +124,8 @@ SLIT = cells("..##..", "..##..", "......")
         (SLIT, (0, 2), (5, 2), 2 * hypot(1.5, 1.5) + 2),
         # cells that touch at a corner only are joined there: straight through
         (cells("#.", ".#"), (0, 0), (1, 1), sqrt(2)),
-        # and a path may bend there, as in a room with one door of no width: (0.5, 0.5) (2, 1) (2.5, 2.5)
+        # and a path may bend there, as in a room with one door of no width: (0.5, 0.5) (2, 1) (2.5,
+        # 2.5)
         (cells("##.", "##.", "..#"), (0, 0), (2, 2), hypot(1.5, 0.5) + hypot(0.5, 1.5)),
         # along the diagonal of a staircase
         (cells("##.", "#.#", ".##"), (0, 0), (2, 2), 2 * sqrt(2)),
@@ -134,14 +151,24 @@ def test_hand_made_corners(feasible, start, goal, expected):
 @pytest.mark.parametrize(
     ("block", "expected"),
     [
-        ((249, 1), hypot(999, 2)),  # its corner at (250, 1) lies 1/1998 of a cell above the line: missed
-        ((250, 0), (hypot(499, 1) + hypot(1499, 3)) / 2),  # the same corner of this one is cut off: around it
+        (
+            (249, 1),
+            hypot(999, 2),
+        ),  # its corner at (250, 1) lies 1/1998 of a cell above the line: missed
+        (
+            (250, 0),
+            (hypot(499, 1) + hypot(1499, 3)) / 2,
+        ),  # the same corner of this one is cut off: around it
     ],
 )
-def test_a_line_that_misses_a_corner_by_next_to_nothing_is_told_from_one_that_cuts_it(block, expected):
+def test_a_line_that_misses_a_corner_by_next_to_nothing_is_told_from_one_that_cuts_it(
+    block, expected
+):
     feasible = np.ones((1000, 3), bool)
     feasible[block] = False
-    assert straight_line_bound(feasible, (0, 0), (999, 2), 1.0) == pytest.approx(expected, rel=1e-15)
+    assert straight_line_bound(feasible, (0, 0), (999, 2), 1.0) == pytest.approx(
+        expected, rel=1e-15
+    )
 
 
 def test_an_end_off_the_map_is_named():

@@ -21,7 +21,11 @@ def random_map(seed, shape=(9, 8), levels=25):
 def brute_force_distance(gain_db, start, goal, target_db):
     """Shortest distance in cells by networkx, on a graph spelled out cell by cell."""
     graph = networkx.Graph()
-    cells = {tuple(cell) for cell in np.argwhere(gain_db >= target_db).tolist() if gain_db[tuple(cell)] > -np.inf}
+    cells = {
+        tuple(cell)
+        for cell in np.argwhere(gain_db >= target_db).tolist()
+        if gain_db[tuple(cell)] > -np.inf
+    }
     graph.add_nodes_from(cells)
     for i, j in cells:
         for step, length in (((1, 0), 1.0), ((0, 1), 1.0), ((1, 1), SQRT2), ((1, -1), SQRT2)):
@@ -73,7 +77,9 @@ def test_curve_of_the_paper_s_map_is_right_at_every_gain_of_it(phase_bits):
 def test_it_takes_one_dijkstra_run_a_step_and_counts_them_truly(monkeypatch):
     runs = []
     dijkstra = trade_off_curve.dijkstra
-    monkeypatch.setattr(trade_off_curve, "dijkstra", lambda *a, **k: runs.append(1) or dijkstra(*a, **k))
+    monkeypatch.setattr(
+        trade_off_curve, "dijkstra", lambda *a, **k: runs.append(1) or dijkstra(*a, **k)
+    )
     for gain_db in (build_radio_map("paper").gain_db[:, ::-1], random_map(3), random_map(4)):
         runs.clear()
         curve = trade_off(gain_db, (0, 0), (gain_db.shape[0] - 1, gain_db.shape[1] - 1), 0.5)
@@ -123,10 +129,14 @@ def test_whole_lengths_order_paths_as_their_true_lengths_do(cells):
         with localcontext() as context:
             context.prec = 60
             root = Decimal(2).sqrt()
-            for a in {round(-b * root) + shift for shift in (-1, 0, 1)}:  # the nearest calls there are
+            for a in {
+                round(-b * root) + shift for shift in (-1, 0, 1)
+            }:  # the nearest calls there are
                 true, whole = a + b * root, a * q + b * p
                 assert (true > 0, true < 0) == (whole > 0, whole < 0)
                 if a >= 0 and b >= 0:
-                    assert trade_off_curve._true_length(whole, cells) == pytest.approx(float(true), rel=1e-15)
+                    assert trade_off_curve._true_length(whole, cells) == pytest.approx(
+                        float(true), rel=1e-15
+                    )
     for a, b in rng.integers(0, cells + 1, (50, 2)).tolist():
         assert trade_off_curve._true_length(a * q + b * p, cells) == a + b * SQRT2

@@ -31,7 +31,9 @@ def path(measured, tmp_path) -> str:
 
 
 def follow(env, cells) -> float:
-    """Walk along cells; the metres that the environment says were travelled. Ends at the goal, or fails."""
+    """Walk along cells; the metres that the environment says were travelled. Ends at the goal, or
+    fails.
+    """
     _, info = env.reset(seed=0)
     ways = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]
     is_terminated = False
@@ -46,7 +48,9 @@ def follow(env, cells) -> float:
 
 @pytest.mark.parametrize("as_object", [False, True])
 def test_a_measured_map_serves_in_place_of_the_closed_form(measured, path, as_object):
-    env = gymnasium.make(ID, radio_map=measured if as_object else path, start=START, goal=GOAL, target_db=-69.0)
+    env = gymnasium.make(
+        ID, radio_map=measured if as_object else path, start=START, goal=GOAL, target_db=-69.0
+    )
     world = env.unwrapped
     np.testing.assert_array_equal(world.radio_map.gain_db, measured.gain_db)
     assert world.radio_map.grid == measured.grid
@@ -91,7 +95,9 @@ def test_the_observation_says_that_no_irs_is_known(path):
 
 @pytest.mark.parametrize("mode", ["rgb_array", "ansi"])
 def test_it_is_drawn_without_a_scene(path, mode):
-    env = gymnasium.make(ID, radio_map=path, start=START, goal=GOAL, target_db=-69.0, render_mode=mode)
+    env = gymnasium.make(
+        ID, radio_map=path, start=START, goal=GOAL, target_db=-69.0, render_mode=mode
+    )
     env.reset(seed=0)
     picture = env.render()
     assert len(picture) > 20
@@ -107,7 +113,9 @@ def test_the_spec_survives_json(path):
 
 
 def test_the_vector_env_takes_it_too(path, measured):
-    envs = gymnasium.make_vec(ID, num_envs=3, radio_map=path, start=START, goal=GOAL, target_db=-69.0)
+    envs = gymnasium.make_vec(
+        ID, num_envs=3, radio_map=path, start=START, goal=GOAL, target_db=-69.0
+    )
     _, info = envs.reset(seed=0)
     expected = shortest_path(measured.feasible(-69.0), START, GOAL, 0.4).distance
     np.testing.assert_allclose(info["oracle_distance"], expected, rtol=0, atol=1e-12)

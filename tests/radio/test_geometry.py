@@ -20,11 +20,14 @@ def exact(numbers) -> tuple[Fraction, ...]:
 def is_blocked(start, end, low, high) -> bool:
     """Whether an open box holds any point of an open segment, in exact arithmetic.
 
-    The planes of the faces cut the segment into pieces. No piece crosses a face, so each lies inside with its
-    midpoint, or not at all.
+    The planes of the faces cut the segment into pieces. No piece crosses a face, so each lies
+    inside with its midpoint, or not at all.
     """
     start, end, low, high = exact(start), exact(end), exact(low), exact(high)
-    if any(max(a, b) <= lo or min(a, b) >= hi for a, b, lo, hi in zip(start, end, low, high, strict=True)):
+    if any(
+        max(a, b) <= lo or min(a, b) >= hi
+        for a, b, lo, hi in zip(start, end, low, high, strict=True)
+    ):
         return False
     cuts = {Fraction(0), Fraction(1)}
     for a, b, *faces in zip(start, end, low, high, strict=True):
@@ -91,7 +94,11 @@ def test_a_segment_that_misses_or_only_grazes_a_box_is_clear(start, end):
 @pytest.mark.parametrize("shift", [0.1, -0.3, 1 / 3, 7.7, 1e3])
 def test_grazing_does_not_depend_on_rounding(shift):
     moved = Boxes(BOX.lower + shift, BOX.upper + shift)
-    for start, end in [((-5, 2, 1), (5, 2, 1)), ((1, 3, 1), (3, 1, 1)), ((-5, -5, 1.3), (5, 5, 1.3))]:
+    for start, end in [
+        ((-5, 2, 1), (5, 2, 1)),
+        ((1, 3, 1), (3, 1, 1)),
+        ((-5, -5, 1.3), (5, 5, 1.3)),
+    ]:
         assert sees(np.array(start) + shift, np.array(end) + shift, moved)
     for start, end in [((-5, 1.999999, 1), (5, 1.999999, 1)), ((1, 2.99999, 1), (2.99999, 1, 1))]:
         assert not sees(np.array(start) + shift, np.array(end) + shift, moved)
@@ -108,7 +115,9 @@ def test_line_of_sight_equals_exact_arithmetic_on_a_lattice_where_touching_is_co
             is_inside = is_blocked(start, end, low, high)
             assert is_seen != is_inside, (start, end, low, high)
             clear, blocked = clear + is_seen, blocked + is_inside
-            grazing += not is_inside and is_blocked(start, end, (low - 1e-3).round(3), (high + 1e-3).round(3))
+            grazing += not is_inside and is_blocked(
+                start, end, (low - 1e-3).round(3), (high + 1e-3).round(3)
+            )
     assert min(clear, blocked) > 300
     assert grazing > 30
 
@@ -127,7 +136,9 @@ def test_any_of_several_boxes_blocks():
     rng = np.random.default_rng(4)
     boxes = Boxes(rng.uniform(-3, 0, (3, 3)), rng.uniform(0.1, 3, (3, 3)))
     starts, end = rng.uniform(-6, 6, (200, 3)), np.array([4.0, -5.0, 2.0])
-    one_by_one = [is_line_of_sight(starts, end, Boxes(boxes.lower[[n]], boxes.upper[[n]])) for n in range(3)]
+    one_by_one = [
+        is_line_of_sight(starts, end, Boxes(boxes.lower[[n]], boxes.upper[[n]])) for n in range(3)
+    ]
     assert np.array_equal(is_line_of_sight(starts, end, boxes), np.all(one_by_one, axis=0))
 
 
@@ -140,9 +151,14 @@ def test_without_boxes_all_is_clear():
 def test_a_footprint_is_open():
     inside = [(0, 0), (1.999, -1.999), (-1.9, 1.9)]
     outside = [(2, 0), (0, -2), (2, 2), (2.001, 0), (0, 5)]
-    assert is_in_footprint(np.array(inside + outside, dtype=float), BOX).tolist() == [True] * 3 + [False] * 5
+    assert (
+        is_in_footprint(np.array(inside + outside, dtype=float), BOX).tolist()
+        == [True] * 3 + [False] * 5
+    )
 
 
 def test_a_footprint_does_not_depend_on_rounding():
     border = Boxes(np.array([[0.1, 0.1, 0.0]]), np.array([[0.3, 0.7, 1.0]]))
-    assert not is_in_footprint(np.array([[0.1 + 0.2, 0.5], [0.3, 0.5], [0.2, 0.7000000000000001]]), border).any()
+    assert not is_in_footprint(
+        np.array([[0.1 + 0.2, 0.5], [0.3, 0.5], [0.2, 0.7000000000000001]]), border
+    ).any()

@@ -16,7 +16,9 @@ def loss(distance, is_clear, carrier_ghz=2.0) -> float:
     return float(path_loss_db(distance, np.array(is_clear), PAPER.path_loss, carrier_ghz))
 
 
-@pytest.mark.parametrize(("distance", "loss_db"), [(1, 31.84), (10, 53.34), (100, 74.84), (sqrt(10), 42.59)])
+@pytest.mark.parametrize(
+    ("distance", "loss_db"), [(1, 31.84), (10, 53.34), (100, 74.84), (sqrt(10), 42.59)]
+)
 def test_path_loss_with_line_of_sight(distance, loss_db):
     assert loss(distance, True) == pytest.approx(loss_db + TWO_GHZ, abs=1e-12)
     assert loss(distance, True, carrier_ghz=1.0) == pytest.approx(loss_db, abs=1e-12)
@@ -31,22 +33,29 @@ def test_a_blocked_link_never_loses_less():
     distances = np.geomspace(1e-3, 1e3, 200)
     for carrier_ghz in (0.05, 1.0, 2.0, 60.0):
         clear, blocked = (
-            path_loss_db(distances, np.full(200, is_clear), PAPER.path_loss, carrier_ghz) for is_clear in (True, False)
+            path_loss_db(distances, np.full(200, is_clear), PAPER.path_loss, carrier_ghz)
+            for is_clear in (True, False)
         )
         assert (blocked >= clear).all()
     # near by, the other formula alone would be below
-    assert 32.4 + 23 * log10(0.01) < 31.84 + 21.5 * log10(0.01) == loss(0.01, False, carrier_ghz=1.0)
+    assert (
+        32.4 + 23 * log10(0.01) < 31.84 + 21.5 * log10(0.01) == loss(0.01, False, carrier_ghz=1.0)
+    )
 
 
 def test_path_loss_grows_with_distance():
     distances = np.geomspace(0.1, 100, 50)
     for is_clear in (True, False):
-        assert (np.diff(path_loss_db(distances, np.full(50, is_clear), PAPER.path_loss, 2.0)) > 0).all()
+        assert (
+            np.diff(path_loss_db(distances, np.full(50, is_clear), PAPER.path_loss, 2.0)) > 0
+        ).all()
 
 
 def test_a_clear_link_is_rician_and_a_blocked_one_is_rayleigh():
     # over the floor in front of the box at (0, 0), and behind it as the access point sees it
-    ends = link(PAPER, np.array([[0.25, 2.75, 1.0], [0.25, -2.75, 1.0]]), PAPER.access_points[0].position)
+    ends = link(
+        PAPER, np.array([[0.25, 2.75, 1.0], [0.25, -2.75, 1.0]]), PAPER.access_points[0].position
+    )
     assert ends.rician_factor == pytest.approx([10**0.3, 0.0], rel=1e-15)
     distances = [sqrt(0.25**2 + 7.25**2 + 1), sqrt(0.25**2 + 12.75**2 + 1)]
     assert ends.distance_m == pytest.approx(distances, rel=1e-15)
@@ -61,7 +70,9 @@ def test_steady_and_scattered_power_add_up_to_the_path_gain():
     assert 0 < np.count_nonzero(ends.rician_factor) < 100
     assert ends.los_amplitude**2 + ends.scattered_power == pytest.approx(ends.path_gain, rel=1e-14)
     clear = ends.rician_factor > 0
-    assert ends.los_amplitude[clear] ** 2 / ends.scattered_power[clear] == pytest.approx(10**0.3, rel=1e-14)
+    assert ends.los_amplitude[clear] ** 2 / ends.scattered_power[clear] == pytest.approx(
+        10**0.3, rel=1e-14
+    )
 
 
 def test_directions_are_unit_vectors_from_the_common_end():

@@ -1,4 +1,6 @@
-"""Facts of radio maps: equal to a slow computation written straight from the paper, and safe in files."""
+"""Facts of radio maps: equal to a slow computation written straight from the paper, and safe in
+files.
+"""
 
 import os
 import pickle
@@ -57,7 +59,7 @@ FACTORY = Scene.model_validate(
     }
 )
 
-# --- the reference: the paper cell by cell and element by element, with exact blockage ------------------------------
+# --- the reference: the paper cell by cell and element by element, with exact blockage ------------
 
 
 def distance(a, b) -> float:
@@ -65,10 +67,14 @@ def distance(a, b) -> float:
 
 
 def reference_cells(scene: Scene, cell_size: str, stride: int = 1) -> dict:
-    """Exact antenna positions of every so many cells by (i, j), None where the centre is inside an obstacle."""
+    """Exact antenna positions of every so many cells by (i, j), None where the centre is inside an
+    obstacle.
+    """
     size, room, cells = Fraction(cell_size), scene.room, {}
     x_min, x_max, y_min, y_max = exact((room.x_min, room.x_max, room.y_min, room.y_max))
-    for i, j in list(product(range(int((x_max - x_min) / size)), range(int((y_max - y_min) / size))))[::stride]:
+    for i, j in list(
+        product(range(int((x_max - x_min) / size)), range(int((y_max - y_min) / size)))
+    )[::stride]:
         x, y = x_min + (i + Fraction(1, 2)) * size, y_min + (j + Fraction(1, 2)) * size
         inside = False
         for box in scene.obstacles:
@@ -81,7 +87,9 @@ def reference_cells(scene: Scene, cell_size: str, stride: int = 1) -> dict:
 def is_clear(scene: Scene, a, b) -> bool:
     for box in scene.obstacles:
         (cx, cy), (sx, sy, height) = exact(box.center), exact(box.size)
-        if is_blocked(a, b, (cx - sx / 2, cy - sy / 2, Fraction(0)), (cx + sx / 2, cy + sy / 2, height)):
+        if is_blocked(
+            a, b, (cx - sx / 2, cy - sy / 2, Fraction(0)), (cx + sx / 2, cy + sy / 2, height)
+        ):
             return False
     return True
 
@@ -138,7 +146,9 @@ def reference_channel(scene: Scene, robot, model):
         wavenumber = 2 * pi * scene.carrier_ghz * 1e9 / 299792458
         h, w, tau = sqrt(eta_am * k_am) * exp(-1j * wavenumber * distance(robot, ap)), [], eta_am
         for panel in scene.irs_panels:
-            (eta_im, k_im), (eta_ai, k_ai) = (eta_and_factor(scene, end, panel.position) for end in (robot, ap))
+            (eta_im, k_im), (eta_ai, k_ai) = (
+                eta_and_factor(scene, end, panel.position) for end in (robot, ap)
+            )
             sums = subsurface_sums(scene, panel, robot, ap, model)
             w += [sqrt(eta_im * k_im) * sqrt(eta_ai * k_ai) * each for each in sums]
             tau += eta_ai * eta_im * (k_im + k_ai + 1) * panel.elements
@@ -156,17 +166,22 @@ def reference_magnitude(h, w, levels, quantiser) -> float:
         return abs(h) + sum(abs(each) for each in w)
     delta = 2 * pi / levels
     if quantiser == "optimal":
-        # The best total has some phase phi, and each sub-surface the level that turns it nearest to phi. The choice
-        # changes only where a sub-surface is midway between two levels: try one phi between each two such places.
+        # The best total has some phase phi, and each sub-surface the level that turns it nearest to
+        # phi. The choice changes only where a sub-surface is midway between two levels: try one phi
+        # between each two such places.
         angles = np.angle(w)
-        midway = np.sort(np.mod((angles[:, None] + delta * (np.arange(levels) + 0.5)).ravel(), 2 * pi))
+        midway = np.sort(
+            np.mod((angles[:, None] + delta * (np.arange(levels) + 0.5)).ravel(), 2 * pi)
+        )
         phi = (midway + np.append(midway[1:], midway[0] + 2 * pi)) / 2
         nearest = np.rint((phi[:, None] - angles) / delta) * delta
         return float(np.abs(h + (np.array(w) * np.exp(1j * nearest)).sum(axis=1)).max())
     total, reference = h, phase(h) if h else 0.0
     for each in w:
         wanted = (reference - phase(each)) % (2 * pi)
-        misses = [(wrapped if quantiser == "nearest" else abs)(n * delta - wanted) for n in range(levels)]
+        misses = [
+            (wrapped if quantiser == "nearest" else abs)(n * delta - wanted) for n in range(levels)
+        ]
         total += each * exp(1j * delta * misses.index(min(misses)))
     return abs(total)
 
@@ -175,11 +190,15 @@ def reference_gain_db(scene, robot, levels=None, quantiser="nearest", model="far
     if robot is None:
         return -inf
     channels = reference_channel(scene, robot, model)
-    return 10 * log10(max(reference_magnitude(h, w, levels, quantiser) ** 2 + tau for h, w, tau in channels))
+    return 10 * log10(
+        max(reference_magnitude(h, w, levels, quantiser) ** 2 + tau for h, w, tau in channels)
+    )
 
 
 def worst_difference_db(scene, cell_size, bits, quantiser, model, stride) -> float:
-    gain_db = build_radio_map(scene, float(Fraction(cell_size)), None, bits, quantiser, model).gain_db
+    gain_db = build_radio_map(
+        scene, float(Fraction(cell_size)), None, bits, quantiser, model
+    ).gain_db
     worst = 0.0
     for cell, robot in reference_cells(scene, cell_size, stride).items():
         expected = reference_gain_db(scene, robot, 2**bits if bits else None, quantiser, model)
@@ -199,7 +218,9 @@ def test_the_papers_map_with_discrete_phases_equals_the_reference(bits, quantise
     assert worst_difference_db(PAPER, "1/2", bits, quantiser, model, 12) < 1e-9
 
 
-@pytest.mark.parametrize(("bits", "quantiser"), [(None, "nearest"), (1, "nearest"), (2, "as_printed"), (1, "optimal")])
+@pytest.mark.parametrize(
+    ("bits", "quantiser"), [(None, "nearest"), (1, "nearest"), (2, "as_printed"), (1, "optimal")]
+)
 @pytest.mark.parametrize(
     ("cell_size", "elements", "stride"),
     [
@@ -213,20 +234,28 @@ def test_the_papers_map_with_discrete_phases_equals_the_reference(bits, quantise
         ("1/2", 0, 7),
     ],
 )
-def test_maps_of_other_cells_and_elements_equal_the_reference(cell_size, elements, stride, bits, quantiser):
+def test_maps_of_other_cells_and_elements_equal_the_reference(
+    cell_size, elements, stride, bits, quantiser
+):
     scene = PAPER.with_irs_elements(elements)
     assert worst_difference_db(scene, cell_size, bits, quantiser, "far_field", stride) < 1e-9
 
 
 @pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize(("bits", "quantiser"), [(None, "nearest"), (1, "as_printed"), (2, "nearest"), (3, "optimal")])
+@pytest.mark.parametrize(
+    ("bits", "quantiser"), [(None, "nearest"), (1, "as_printed"), (2, "nearest"), (3, "optimal")]
+)
 @pytest.mark.parametrize(("cell_size", "stride"), [("1", 1), ("2/5", 3), ("1/4", 11)])
-def test_a_map_of_several_access_points_and_panels_equals_the_reference(cell_size, stride, bits, quantiser, model):
+def test_a_map_of_several_access_points_and_panels_equals_the_reference(
+    cell_size, stride, bits, quantiser, model
+):
     assert worst_difference_db(FACTORY, cell_size, bits, quantiser, model, stride) < 1e-9
 
 
 def test_a_room_higher_than_its_boxes_and_a_carrier_of_millimetre_waves_change_nothing_of_that():
-    high = PAPER.model_copy(update={"antenna_height": 1.45, "carrier_ghz": 28.0, "rician_factor_db": -7.0})
+    high = PAPER.model_copy(
+        update={"antenna_height": 1.45, "carrier_ghz": 28.0, "rician_factor_db": -7.0}
+    )
     for bits, quantiser in [(None, "nearest"), (2, "nearest"), (2, "optimal")]:
         assert worst_difference_db(high, "1", bits, quantiser, "far_field", 7) < 1e-9
 
@@ -236,25 +265,36 @@ def test_the_factory_has_links_of_every_kind():
     for robot in filter(None, reference_cells(FACTORY, "1/2").values()):
         for point, panel in product(FACTORY.access_points, FACTORY.irs_panels):
             ap, place = point.position, panel.position
-            kinds.add(tuple(is_clear(FACTORY, *ends) for ends in [(robot, ap), (robot, place), (ap, place)]))
+            kinds.add(
+                tuple(
+                    is_clear(FACTORY, *ends) for ends in [(robot, ap), (robot, place), (ap, place)]
+                )
+            )
     assert len(kinds) == 8
 
 
-# --- the paper's map ------------------------------------------------------------------------------------------------
+# --- the paper's map ------------------------------------------------------------------------------
 
 
 def test_the_papers_map_counts_of_cells():
     free = build_radio_map().free
     cells = {cell: robot for cell, robot in reference_cells(PAPER, "1/2").items() if robot}
     ap, panel = PAPER.access_points[0].position, PAPER.irs_panels[0].position
-    from_ap, from_irs = ({c for c, robot in cells.items() if not is_clear(PAPER, robot, end)} for end in (ap, panel))
+    from_ap, from_irs = (
+        {c for c, robot in cells.items() if not is_clear(PAPER, robot, end)} for end in (ap, panel)
+    )
     assert (free.size, free.sum()) == (1600, 1280)
     assert set(cells) == set(zip(*np.nonzero(free), strict=True))
     assert (len(from_ap), len(from_irs), len(from_ap & from_irs)) == (506, 506, 98)
 
 
 def test_the_map_is_symmetric_as_the_papers_factory_is():
-    for setting in [{}, {"irs_elements": 0}, {"phase_bits": 1}, {"phase_bits": 2, "quantiser": "optimal"}]:
+    for setting in [
+        {},
+        {"irs_elements": 0},
+        {"phase_bits": 1},
+        {"phase_bits": 2, "quantiser": "optimal"},
+    ]:
         gain_db = build_radio_map(**setting).gain_db
         free = np.isfinite(gain_db)
         assert np.array_equal(free, free[::-1])
@@ -298,14 +338,20 @@ def test_a_scene_is_given_by_its_name_its_file_or_itself(tmp_path):
 
 def test_an_antenna_in_the_centre_of_a_cell_is_refused():
     low = PAPER.model_copy(
-        update={"access_points": (PAPER.access_points[0].model_copy(update={"position": (1.5, 9.5, 1)}),)}
+        update={
+            "access_points": (
+                PAPER.access_points[0].model_copy(update={"position": (1.5, 9.5, 1)}),
+            )
+        }
     )
     build_radio_map(low, 0.5)
-    with pytest.raises(ValueError, match=r"an antenna at \(1.5, 9.5, 1.0\) m coincides with the centre of a cell"):
+    with pytest.raises(
+        ValueError, match=r"an antenna at \(1.5, 9.5, 1.0\) m coincides with the centre of a cell"
+    ):
         build_radio_map(low, 1.0)
 
 
-# --- maps from elsewhere --------------------------------------------------------------------------------------------
+# --- maps from elsewhere --------------------------------------------------------------------------
 
 
 def sample() -> RadioMap:
@@ -326,7 +372,9 @@ def test_a_map_keeps_its_own_numbers():
 def test_a_map_from_an_array_lies_where_it_is_told():
     assert sample().grid == Grid((7, 4), 0.3, (-1.1, 2.7))
     assert RadioMap.from_array([[1, 2], [3, 4]], 1, [0, 0]).gain_db.dtype == np.float64
-    assert RadioMap.from_array(np.float32([[1]]), np.float32(0.5), np.zeros(2)).grid == Grid((1, 1), 0.5, (0.0, 0.0))
+    assert RadioMap.from_array(np.float32([[1]]), np.float32(0.5), np.zeros(2)).grid == Grid(
+        (1, 1), 0.5, (0.0, 0.0)
+    )
 
 
 def test_a_cell_at_the_target_is_feasible_and_an_obstacle_never_is():
@@ -374,12 +422,18 @@ def test_a_map_must_have_the_shape_of_its_grid():
         RadioMap(np.full((2, 3), nan), grid=Grid((2, 3), 1.0, (0.0, 0.0)))
 
 
-# --- files ----------------------------------------------------------------------------------------------------------
+# --- files ----------------------------------------------------------------------------------------
 
 
 def stored(tmp_path, **changes):
     """A map file with other arrays; None leaves one out."""
-    arrays = {"format_version": 1, "gain_db": np.zeros((2, 3)), "cell_size": 0.5, "origin": np.zeros(2), **changes}
+    arrays = {
+        "format_version": 1,
+        "gain_db": np.zeros((2, 3)),
+        "cell_size": 0.5,
+        "origin": np.zeros(2),
+        **changes,
+    }
     path = tmp_path / "map.npz"
     np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
     return path
@@ -409,17 +463,23 @@ def test_a_save_that_fails_leaves_the_old_map(step, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise OSError("no space left")
 
-    monkeypatch.setattr(*{"replace": (os, "replace"), "write": (np, "savez_compressed")}[step], fail)
+    monkeypatch.setattr(
+        *{"replace": (os, "replace"), "write": (np, "savez_compressed")}[step], fail
+    )
     with pytest.raises(OSError, match="no space left"):
         build_radio_map(cell_size=1.0).save(path)
     assert path.read_bytes() == before
     assert os.listdir(tmp_path) == ["map.npz"]
 
 
-@pytest.mark.parametrize("content", [b"", b"garbage", b"PK\x03\x04 and then nothing", b"\x93NUMPY\x01\x00"])
+@pytest.mark.parametrize(
+    "content", [b"", b"garbage", b"PK\x03\x04 and then nothing", b"\x93NUMPY\x01\x00"]
+)
 def test_garbage_is_no_map(content, tmp_path):
     (tmp_path / "map.npz").write_bytes(content)
-    with pytest.raises(ValueError, match=r"map.npz' is not a radio map: it is not a whole npz archive"):
+    with pytest.raises(
+        ValueError, match=r"map.npz' is not a radio map: it is not a whole npz archive"
+    ):
         RadioMap.load(tmp_path / "map.npz")
 
 

@@ -1,4 +1,6 @@
-"""Facts of scenes: the paper's preset, files that survive the round trip, and mistakes that are named."""
+"""Facts of scenes: the paper's preset, files that survive the round trip, and mistakes that are
+named.
+"""
 
 import json
 import math
@@ -45,7 +47,7 @@ def leave_out(*keys):
     return change
 
 
-# --- the preset ---------------------------------------------------------------------------------------------------
+# --- the preset -----------------------------------------------------------------------------------
 
 
 def test_the_preset_is_the_papers_factory():
@@ -88,7 +90,9 @@ def test_zero_elements_remove_the_panels_and_none_keeps_them():
 
 @pytest.mark.parametrize("elements", [1, 100, 199, 1300, -1, -200])
 def test_elements_that_do_not_fill_whole_rows_are_refused(elements):
-    message = rf"irs_elements={elements} does not fill whole rows .* takes 200, so .* or .* would fit"
+    message = (
+        rf"irs_elements={elements} does not fill whole rows .* takes 200, so .* or .* would fit"
+    )
     with pytest.raises(ValueError, match=message):
         PAPER.with_irs_elements(elements)
 
@@ -105,11 +109,13 @@ def test_elements_are_counted_in_whole_numbers(elements):
 
 
 def test_elements_need_a_panel():
-    with pytest.raises(ValueError, match="irs_elements=200 needs an IRS panel, and scene 'paper' lists none"):
+    with pytest.raises(
+        ValueError, match="irs_elements=200 needs an IRS panel, and scene 'paper' lists none"
+    ):
         PAPER.with_irs_elements(0).with_irs_elements(200)
 
 
-# --- values -------------------------------------------------------------------------------------------------------
+# --- values ---------------------------------------------------------------------------------------
 
 
 def test_scenes_hash_and_compare_by_value():
@@ -152,7 +158,7 @@ def test_a_box_flush_with_a_wall_is_inside_whatever_the_rounding(size, wall):
     assert len(scene.obstacles) == 2
 
 
-# --- files --------------------------------------------------------------------------------------------------------
+# --- files ----------------------------------------------------------------------------------------
 
 
 def test_a_saved_scene_loads_as_it_was(tmp_path):
@@ -194,7 +200,9 @@ def test_a_save_that_fails_leaves_the_old_file(step, tmp_path, monkeypatch):
 
 
 def test_no_such_scene_is_said_with_the_names_that_exist():
-    with pytest.raises(FileNotFoundError, match=r"scene='warehouse' is neither a file nor one of .*'paper'"):
+    with pytest.raises(
+        FileNotFoundError, match=r"scene='warehouse' is neither a file nor one of .*'paper'"
+    ):
         load_scene("warehouse")
 
 
@@ -224,7 +232,7 @@ def test_json_that_is_no_object_is_refused(text, tmp_path):
         load_scene(written(tmp_path, text=text))
 
 
-# --- mistakes in a scene ------------------------------------------------------------------------------------------
+# --- mistakes in a scene --------------------------------------------------------------------------
 
 MISTAKES = [
     (put("start", [0, 0]), r"start=\(0.0, 0.0\) lies inside an obstacle"),
@@ -232,24 +240,60 @@ MISTAKES = [
     (put("goal", [10.5, 0]), r"goal=\(10.5, 0.0\) lies outside the room"),
     (put("start", [0, -11]), r"start=\(0.0, -11.0\) lies outside the room"),
     (put("goal", [-10, 0]), r"goal=.* must differ from start"),
-    (put("access_points", 0, "position", [0, 10.1, 2]), r"access_points\[0\].position=.* outside the room"),
-    (put("access_points", 0, "position", [0, 10, 5.1]), r"access_points\[0\].position=.* outside the room"),
-    (put("access_points", 0, "position", [0, 10, -0.1]), r"access_points\[0\].position=.* outside the room"),
+    (
+        put("access_points", 0, "position", [0, 10.1, 2]),
+        r"access_points\[0\].position=.* outside the room",
+    ),
+    (
+        put("access_points", 0, "position", [0, 10, 5.1]),
+        r"access_points\[0\].position=.* outside the room",
+    ),
+    (
+        put("access_points", 0, "position", [0, 10, -0.1]),
+        r"access_points\[0\].position=.* outside the room",
+    ),
     (put("access_points", []), r"access_points: .* at least 1 item"),
-    (put("irs_panels", 0, "position", [0, -9.5, 2]), r"irs_panels\[0\].position=.* must lie on its wall, y = -10.0"),
-    (put("irs_panels", 0, "wall", "x_max"), r"irs_panels\[0\].position=.* must lie on its wall, x = 10.0"),
-    (put("irs_panels", 0, "position", [0, -10, 6]), r"irs_panels\[0\].position=.* must lie on its wall"),
+    (
+        put("irs_panels", 0, "position", [0, -9.5, 2]),
+        r"irs_panels\[0\].position=.* must lie on its wall, y = -10.0",
+    ),
+    (
+        put("irs_panels", 0, "wall", "x_max"),
+        r"irs_panels\[0\].position=.* must lie on its wall, x = 10.0",
+    ),
+    (
+        put("irs_panels", 0, "position", [0, -10, 6]),
+        r"irs_panels\[0\].position=.* must lie on its wall",
+    ),
     (put("irs_panels", 0, "wall", "north"), r"irs_panels\[0\].wall: .* 'y_max' \(got 'north'\)"),
-    (put("access_points", 0, "position", [0, -10, 2]), r"irs_panels\[0\].position=.* coincides with an access point"),
-    (put("irs_panels", 0, "rows", 0), r"irs_panels\[0\].rows: .* greater than or equal to 1 \(got 0\)"),
+    (
+        put("access_points", 0, "position", [0, -10, 2]),
+        r"irs_panels\[0\].position=.* coincides with an access point",
+    ),
+    (
+        put("irs_panels", 0, "rows", 0),
+        r"irs_panels\[0\].rows: .* greater than or equal to 1 \(got 0\)",
+    ),
     (put("irs_panels", 0, "columns", 2.5), r"irs_panels\[0\].columns: .* integer \(got 2.5\)"),
     (put("irs_panels", 0, "columns", True), r"irs_panels\[0\].columns: .* integer \(got True\)"),
-    (put("irs_panels", 0, "pitch_wavelengths", 0), r"irs_panels\[0\].pitch_wavelengths: .* greater than 0"),
-    (put("irs_panels", 0, "elements_per_subsurface", [1, 0]), r"elements_per_subsurface\[1\]: .* \(got 0\)"),
-    (put("irs_panels", 0, "elements_per_subsurface", [1]), r"elements_per_subsurface\[1\]: Field required"),
+    (
+        put("irs_panels", 0, "pitch_wavelengths", 0),
+        r"irs_panels\[0\].pitch_wavelengths: .* greater than 0",
+    ),
+    (
+        put("irs_panels", 0, "elements_per_subsurface", [1, 0]),
+        r"elements_per_subsurface\[1\]: .* \(got 0\)",
+    ),
+    (
+        put("irs_panels", 0, "elements_per_subsurface", [1]),
+        r"elements_per_subsurface\[1\]: Field required",
+    ),
     (put("obstacles", 2, "center", [9, 0]), r"obstacles\[2\] reaches from .* outside the room"),
     (put("obstacles", 0, "size", [4, 4, 5.1]), r"obstacles\[0\] reaches from .* outside the room"),
-    (put("obstacles", 1, "size", [4, -4, 1.3]), r"obstacles\[1\].size\[1\]: .* greater than 0 \(got -4\)"),
+    (
+        put("obstacles", 1, "size", [4, -4, 1.3]),
+        r"obstacles\[1\].size\[1\]: .* greater than 0 \(got -4\)",
+    ),
     (put("room", "x_max", -10), "room: .*x_max must be greater than x_min"),
     (put("room", "height", 0), r"room.height: .* greater than 0 \(got 0\)"),
     (put("antenna_height", 5.5), "antenna_height=5.5 exceeds the room's height 5.0"),
@@ -269,7 +313,10 @@ MISTAKES = [
     (leave_out("room"), r"scene\.json': room: Field required$"),
     (leave_out("goal"), r"scene\.json': goal: Field required$"),
     (leave_out("irs_panels", 0, "wall"), r"irs_panels\[0\].wall: Field required$"),
-    (leave_out("path_loss", "line_of_sight", "intercept_db"), r"path_loss.line_of_sight.intercept_db: Field required$"),
+    (
+        leave_out("path_loss", "line_of_sight", "intercept_db"),
+        r"path_loss.line_of_sight.intercept_db: Field required$",
+    ),
 ]
 
 
@@ -295,7 +342,9 @@ def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(tmp_path):
     places = list(numbers(json.loads(PAPER.model_dump_json())))
     assert len(places) == 57
     for place in places:
-        field = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place).lstrip(".")
+        field = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place).lstrip(
+            "."
+        )
         for value in (math.nan, math.inf, -math.inf):
             with pytest.raises(ValueError, match=r"scene '.*scene\.json': ") as raised:
                 load_scene(written(tmp_path, put(*place, value)))
@@ -313,7 +362,9 @@ def test_all_mistakes_are_named_at_once(tmp_path):
     def change(data):
         data["start"], data["goal"], data["antenna_height"] = [0, 0], [99, 0], 6
 
-    with pytest.raises(ValueError, match=r"antenna_height=6.0 .*; start=.* inside an obstacle; goal=.* outside"):
+    with pytest.raises(
+        ValueError, match=r"antenna_height=6.0 .*; start=.* inside an obstacle; goal=.* outside"
+    ):
         load_scene(written(tmp_path, change))
 
 
@@ -330,7 +381,7 @@ def test_a_cell_size_that_does_not_divide_the_room_is_refused():
         PAPER.grid(0.3)
 
 
-# --- the task that a scene holds ------------------------------------------------------------------------------------
+# --- the task that a scene holds ------------------------------------------------------------------
 
 
 def test_a_file_that_says_no_target_and_no_resolution_has_the_papers(tmp_path):

@@ -17,12 +17,24 @@ from irs_gym.rendering.background import COLOUR_MAP, OBSTACLE, ROBOT
 from irs_gym.rendering.layout import round_steps
 from irs_gym.rendering.primitives import font
 
-SHAPES = [(10, 10), (40, 40), (60, 20), (20, 60), (400, 400), (400, 10), (10, 400), (33, 50), (1, 3)]
+SHAPES = [
+    (10, 10),
+    (40, 40),
+    (60, 20),
+    (20, 60),
+    (400, 400),
+    (400, 10),
+    (10, 400),
+    (33, 50),
+    (1, 3),
+]
 START, GOAL = (0, 3), (9, 3)
 
 
 def plain_view(**changes):
-    """A 10 x 10 map at -50 dB, with an obstacle to the upper left and cells at -70 dB to the lower right."""
+    """A 10 x 10 map at -50 dB, with an obstacle to the upper left and cells at -70 dB to the lower
+    right.
+    """
     gain_db = np.full((10, 10), -50.0)
     gain_db[:3, 7:] = -np.inf
     gain_db[6:, :3] = -70.0
@@ -55,9 +67,20 @@ def paper_view():
     scene = load_scene("paper")
     radio_map = build_radio_map(scene)
     grid = radio_map.grid
-    stations = [tuple(station.position[:2] for station in kind) for kind in (scene.access_points, scene.irs_panels)]
+    stations = [
+        tuple(station.position[:2] for station in kind)
+        for kind in (scene.access_points, scene.irs_panels)
+    ]
     row = np.array([(i, 20) for i in range(40)])
-    return View(radio_map.gain_db, -61.8, grid, *stations, grid.cell_of(scene.start), grid.cell_of(scene.goal), row)
+    return View(
+        radio_map.gain_db,
+        -61.8,
+        grid,
+        *stations,
+        grid.cell_of(scene.start),
+        grid.cell_of(scene.goal),
+        row,
+    )
 
 
 def map_of(view, frame):
@@ -67,7 +90,9 @@ def map_of(view, frame):
 
 
 def robot_of(view, cell):
-    """Mean (row, column) of the pixels of the robot's colour in the map, when it is in this cell alone."""
+    """Mean (row, column) of the pixels of the robot's colour in the map, when it is in this cell
+    alone.
+    """
     return np.argwhere((map_of(view, draw_frame(view, [cell])) == ROBOT).all(axis=-1)).mean(axis=0)
 
 
@@ -76,7 +101,7 @@ def changed(before, after):
     return np.argwhere((before != after).any(axis=-1))
 
 
-# --- The picture's size and layout --------------------------------------------------------------------------
+# --- The picture's size and layout ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("size", [320, 512, 900])
@@ -103,10 +128,14 @@ def test_legend_lies_outside_the_map_and_the_colour_bar(shape):
     layout = random_view(shape, 512).background.layout
     left, top, width, height = layout.bar
     assert left >= layout.right
-    assert ((layout.legend[:, 0] > left + width) | (layout.legend[:, 1] - layout.em > top + height)).all()
+    assert (
+        (layout.legend[:, 0] > left + width) | (layout.legend[:, 1] - layout.em > top + height)
+    ).all()
 
 
-@pytest.mark.parametrize(("shape", "share"), [((40, 40), 0.7), ((60, 20), 0.7), ((33, 50), 0.7), ((20, 60), 0.85)])
+@pytest.mark.parametrize(
+    ("shape", "share"), [((40, 40), 0.7), ((60, 20), 0.7), ((33, 50), 0.7), ((20, 60), 0.85)]
+)
 def test_map_takes_most_of_the_picture(shape, share):
     assert max(random_view(shape, 512).background.layout.map_size) > share * 512
 
@@ -127,7 +156,7 @@ def test_cells_are_square(shape):
     assert abs(width - height) <= 1 / min(shape)  # whole pixels for the whole map
 
 
-# --- What the map shows -------------------------------------------------------------------------------------
+# --- What the map shows ---------------------------------------------------------------------------
 
 
 def test_map_runs_right_with_x_and_up_with_y():
@@ -171,8 +200,12 @@ def test_lightness_rises_along_the_colour_map_and_obstacles_are_darker():
 
 
 def test_a_flat_map_and_a_target_off_the_scale_are_drawn():
-    view = plain_view(gain_db=np.full((10, 10), -50.0), target_db=-200.0, access_points=(), irs_panels=())
-    colours = {tuple(pixel) for pixel in map_of(view, draw_frame(view, [START]))[5:60, 5:60].reshape(-1, 3)}
+    view = plain_view(
+        gain_db=np.full((10, 10), -50.0), target_db=-200.0, access_points=(), irs_panels=()
+    )
+    colours = {
+        tuple(pixel) for pixel in map_of(view, draw_frame(view, [START]))[5:60, 5:60].reshape(-1, 3)
+    }
     assert colours == {tuple(COLOUR_MAP[4].astype(int))}
 
 
@@ -182,7 +215,7 @@ def test_ticks_are_round_and_within_the_range():
     assert round_steps(-67.4, -38.1, 6) == [-65, -60, -55, -50, -45, -40]
 
 
-# --- The robot ----------------------------------------------------------------------------------------------
+# --- The robot ------------------------------------------------------------------------------------
 
 
 def test_robot_goes_right_with_i_and_up_with_j():
@@ -214,7 +247,10 @@ def test_margin_is_written_anew_and_the_target_is_not():
 
 
 def test_refused_moves_leave_no_trace():
-    view, trail = plain_view(), [(1, 6), (1, 6), (2, 6), (3, 6), (3, 6), (4, 5), (4, 5), (4, 4), (4, 4)]
+    view, trail = (
+        plain_view(),
+        [(1, 6), (1, 6), (2, 6), (3, 6), (3, 6), (4, 5), (4, 5), (4, 4), (4, 4)],
+    )
     distinct = [cell for k, cell in enumerate(trail) if k == 0 or cell != trail[k - 1]]
     assert np.array_equal(draw_frame(view, trail), draw_frame(view, distinct))
     assert np.array_equal(draw_frame(view, [START, START]), draw_frame(view, [START]))
@@ -236,14 +272,16 @@ def test_trail_and_oracle_path_are_both_visible_where_they_coincide():
     assert share(draw_frame(bare, trail), (255, 255, 255)) == 0
 
 
-# --- Frames -------------------------------------------------------------------------------------------------
+# --- Frames ---------------------------------------------------------------------------------------
 
 
 def test_same_input_gives_the_same_frame():
     trail = [(0, 3), (1, 3), (2, 4)]
     view = plain_view()
     assert np.array_equal(draw_frame(view, trail), draw_frame(view, trail))
-    assert np.array_equal(draw_frame(view, trail), draw_frame(plain_view(), np.array(trail, dtype=np.int32)))
+    assert np.array_equal(
+        draw_frame(view, trail), draw_frame(plain_view(), np.array(trail, dtype=np.int32))
+    )
 
 
 def test_drawing_leaves_the_background_as_it_was():
@@ -257,7 +295,9 @@ def test_drawing_leaves_the_background_as_it_was():
     assert not np.shares_memory(draw_frame(view, [START]), draw_frame(view, [START]))
 
 
-@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda view: pickle.loads(pickle.dumps(view))])
+@pytest.mark.parametrize(
+    "duplicate", [copy.deepcopy, lambda view: pickle.loads(pickle.dumps(view))]
+)
 def test_a_copied_or_pickled_view_draws_the_same(duplicate):
     view = plain_view()
     frame = draw_frame(view, [START])
@@ -280,7 +320,7 @@ assert not {"matplotlib", "pygame", "tkinter"} & set(sys.modules)
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
-# --- Text ---------------------------------------------------------------------------------------------------
+# --- Text -----------------------------------------------------------------------------------------
 
 
 def test_text_marks_each_thing_in_its_row_and_column():
@@ -313,8 +353,12 @@ def test_text_has_a_row_for_each_j_and_a_column_for_each_i(shape):
 
 def test_text_begins_with_target_gain_and_margin():
     view = plain_view()
-    assert text_frame(view, [(1, 1)]).startswith("target -60.00 dB   gain -50.00 dB   margin +10.00 dB\n")
-    assert text_frame(view, [(7, 1)]).startswith("target -60.00 dB   gain -70.00 dB   margin -10.00 dB\n")
+    assert text_frame(view, [(1, 1)]).startswith(
+        "target -60.00 dB   gain -50.00 dB   margin +10.00 dB\n"
+    )
+    assert text_frame(view, [(7, 1)]).startswith(
+        "target -60.00 dB   gain -70.00 dB   margin -10.00 dB\n"
+    )
 
 
 def test_text_puts_stations_on_their_wall_or_in_their_cell():
@@ -330,7 +374,7 @@ def test_text_without_stations_or_oracle_has_none_of_their_marks():
     assert set(rows) == set("+-|#.~RG")
 
 
-# --- Bad input ----------------------------------------------------------------------------------------------
+# --- Bad input ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("show", [draw_frame, text_frame])

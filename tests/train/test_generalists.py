@@ -1,4 +1,6 @@
-"""Facts of training generalists: their run folders, tests on other scenes, resuming, and what is refused."""
+"""Facts of training generalists: their run folders, tests on other scenes, resuming, and what is
+refused.
+"""
 
 from dataclasses import replace
 from shlex import split
@@ -18,7 +20,9 @@ from irs_gym.datasets import random_task, scene_set, splits
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
 from train.config import GENERALIST_DEFAULTS, parse, record_of, settings_of
 
-_IMITATION = split("--agent.total-scenes 40 --agent.batch-scenes 4 --eval-every 16 --checkpoint-every 8")
+_IMITATION = split(
+    "--agent.total-scenes 40 --agent.batch-scenes 4 --eval-every 16 --checkpoint-every 8"
+)
 _PPO = split(
     "--agent.total-timesteps 640 --agent.scenes 2 --agent.robots 4 --agent.n-steps 8 "
     "--eval-every 256 --checkpoint-every 128"
@@ -72,12 +76,20 @@ def train(algorithm, folder, *words):
 
 
 @pytest.mark.parametrize("algorithm", GENERALISTS)
-def test_each_generalist_trains_into_a_run_and_goes_on_as_if_never_interrupted(tmp_path, monkeypatch, algorithm):
+def test_each_generalist_trains_into_a_run_and_goes_on_as_if_never_interrupted(
+    tmp_path, monkeypatch, algorithm
+):
     assert train(algorithm, tmp_path / "whole") == 0
     whole = Run.open(tmp_path / "whole")
-    assert (whole.manifest.status, whole.is_generalist, whole.manifest.checkpoints) == ("finished", True, ())
+    assert (whole.manifest.status, whole.is_generalist, whole.manifest.checkpoints) == (
+        "finished",
+        True,
+        (),
+    )
     rows = curve(whole.folder)
-    planned = settings_of(whole).agent.total_timesteps  # an explorer's last walk may be longer than what was left
+    planned = settings_of(
+        whole
+    ).agent.total_timesteps  # an explorer's last walk may be longer than what was left
     assert planned <= int(rows[-1]["steps"]) == whole.manifest.models["last"].steps < planned + 64
     assert max(float(row["spl"]) for row in rows) == whole.manifest.models["best"].spl
 
@@ -98,26 +110,39 @@ def test_each_generalist_trains_into_a_run_and_goes_on_as_if_never_interrupted(t
     cut = Run.open(tmp_path / "cut")
     assert curve(cut.folder) == rows
     for name in ("best", "last"):
-        assert cut.manifest.models[name] == whole.manifest.models[name]  # equal weights give equal bytes
+        assert (
+            cut.manifest.models[name] == whole.manifest.models[name]
+        )  # equal weights give equal bytes
 
 
 @pytest.mark.parametrize("algorithm", ["map_ppo", "local_ppo", "recurrent_ppo"])
 def test_loaded_policy_of_sb3_acts_as_the_model_that_was_saved(tmp_path, algorithm):
     default = GENERALIST_DEFAULTS[algorithm]
     agent, seen = default.agent, observation_of(algorithm)
-    env = IrsNavVecEnv(agent.n_envs, vector_env=IrsNavRandomVectorEnv, scenes=tiny_pool(6, (8, 8)), observation=seen)
+    env = IrsNavVecEnv(
+        agent.n_envs,
+        vector_env=IrsNavRandomVectorEnv,
+        scenes=tiny_pool(6, (8, 8)),
+        observation=seen,
+    )
     model = agent.build(env, seed=2)
     run = Run.create(tmp_path / "run", record_of(default))
     run.save_model("best", model, 0, success=0.0, spl=0.0)
     loaded = Run.open(run.folder).load_model()
 
-    observation, starts, rng = env.reset(), np.ones(agent.n_envs, dtype=bool), np.random.default_rng(0)
+    observation, starts, rng = (
+        env.reset(),
+        np.ones(agent.n_envs, dtype=bool),
+        np.random.default_rng(0),
+    )
     states = [None, None]
     for step in range(10):
         actions = []
         for n, policy in enumerate((loaded, model)):
             torch.manual_seed(step)
-            found, states[n] = policy.predict(observation, states[n], starts, deterministic=step % 2 == 0)
+            found, states[n] = policy.predict(
+                observation, states[n], starts, deterministic=step % 2 == 0
+            )
             actions.append(found)
         np.testing.assert_array_equal(*actions)
         assert len(np.unique(actions)) > 1
@@ -142,7 +167,12 @@ def test_scenes_and_settings_of_the_command_line_reach_training(tmp_path, pools)
     assert train("planner", tmp_path / "run", *words) == 0
     assert sorted(pools) == [("ood-clutter", 7), ("train", 10)]
     config = settings_of(Run.open(tmp_path / "run"))
-    assert (config.env.num_scenes, config.env.test_scenes, config.seed, config.agent.encoding) == (10, 7, 3, "margin")
+    assert (config.env.num_scenes, config.env.test_scenes, config.seed, config.agent.encoding) == (
+        10,
+        7,
+        3,
+        "margin",
+    )
 
 
 def test_ctrl_c_ends_in_good_order_and_the_run_goes_on(tmp_path, monkeypatch):

@@ -1,4 +1,6 @@
-"""Facts of resuming: a run killed at any moment goes on and ends as it would have; what is damaged is never used."""
+"""Facts of resuming: a run killed at any moment goes on and ends as it would have; what is damaged
+is never used.
+"""
 
 import os
 import pickle
@@ -80,7 +82,9 @@ def assert_equal(run: Run, other: Run) -> None:
     assert curve(run.folder) == curve(other.folder)
     for name in ("best", "last"):
         assert all(map(np.array_equal, numbers(run, name), numbers(other, name)))
-        assert run.manifest.models[name] == other.manifest.models[name]  # equal weights give equal bytes
+        assert (
+            run.manifest.models[name] == other.manifest.models[name]
+        )  # equal weights give equal bytes
     assert run.manifest.status == other.manifest.status
     files, others = ({path.name for path in each.folder.iterdir()} for each in (run, other))
     assert files == others
@@ -94,7 +98,9 @@ def test_resumed_run_equals_one_that_was_never_interrupted(tmp_path, monkeypatch
         train(algorithm, tmp_path / "cut")
     run = Run.open(tmp_path / "cut")
     assert run.manifest.status == "running"
-    expected = [256, 128] if algorithm.endswith("ppo") else [192, 96]  # a rollout of PPO is of 64 steps
+    expected = (
+        [256, 128] if algorithm.endswith("ppo") else [192, 96]
+    )  # a rollout of PPO is of 64 steps
     assert [each.steps for each in run.manifest.checkpoints] == expected
     np.random.default_rng().random()
     assert resume(run.folder) == 0
@@ -102,7 +108,9 @@ def test_resumed_run_equals_one_that_was_never_interrupted(tmp_path, monkeypatch
 
 
 def test_run_that_crashes_at_any_write_goes_on_and_ends_the_same(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "fsync", lambda _: None)  # slow, and only for crashes of the whole machine
+    monkeypatch.setattr(
+        os, "fsync", lambda _: None
+    )  # slow, and only for crashes of the whole machine
     words = ("q_learning", tmp_path / "whole", "--agent.total-timesteps", 256)
     writes: list[Path] = []
 
@@ -111,7 +119,9 @@ def test_run_that_crashes_at_any_write_goes_on_and_ends_the_same(tmp_path, monke
             writes.append(path)
             is_now = len(writes) - 1 == number
             if is_now and not is_written:
-                path.with_name(f".{path.name}.{os.getpid()}").write_bytes(content[: len(content) // 2])
+                path.with_name(f".{path.name}.{os.getpid()}").write_bytes(
+                    content[: len(content) // 2]
+                )
             else:
                 write_file(path, content)
             if is_now:
@@ -141,7 +151,14 @@ def test_run_that_crashes_at_any_write_goes_on_and_ends_the_same(tmp_path, monke
 
 
 def test_run_killed_again_and_again_loses_at_most_an_interval_and_ends_the_same(tmp_path, whole):
-    words = [*TINY["ppo"], "--agent.total-timesteps", "6400", "--checkpoint-every", "640", *open_floor(tmp_path)]
+    words = [
+        *TINY["ppo"],
+        "--agent.total-timesteps",
+        "6400",
+        "--checkpoint-every",
+        "640",
+        *open_floor(tmp_path),
+    ]
     words += ["--no-stop-at-optimum"]
     assert call(["ppo", "--out", tmp_path / "whole", *words]) == 0
     folder, steps = tmp_path / "killed", 0
@@ -164,7 +181,11 @@ def wait_for_checkpoint(process: subprocess.Popen, folder: Path, steps: int) -> 
     while True:
         assert process.poll() is None
         assert time.monotonic() < deadline
-        found = [each.steps for each in Run.open(folder).manifest.checkpoints] if folder.exists() else []
+        found = (
+            [each.steps for each in Run.open(folder).manifest.checkpoints]
+            if folder.exists()
+            else []
+        )
         if max(found, default=0) > steps:
             return max(found)
         time.sleep(0.01)
@@ -199,7 +220,10 @@ def test_checkpoint_cut_in_half_is_refused_and_the_one_before_it_used(capsys, cu
 def test_missing_checkpoint_is_told_and_the_one_before_it_used(capsys, cut, whole):
     (cut.folder / cut.manifest.checkpoints[0].file).unlink()
     assert resume(cut.folder) == 0
-    assert "checkpoint-288.pickle', which the manifest lists, cannot be read" in capsys.readouterr().err
+    assert (
+        "checkpoint-288.pickle', which the manifest lists, cannot be read"
+        in capsys.readouterr().err
+    )
     assert_equal(cut, whole("q_learning"))
 
 
@@ -249,14 +273,20 @@ def test_what_cannot_be_resumed_is_refused(capsys, cut, whole, monkeypatch):
         return capsys.readouterr().err
 
     ended = whole("q_learning").folder
-    assert "has ended (finished): there is nothing to resume" in refused("q_learning", "--resume", ended)
+    assert "has ended (finished): there is nothing to resume" in refused(
+        "q_learning", "--resume", ended
+    )
     assert "is a run of q_learning, not of ppo" in refused("ppo", "--resume", cut.folder)
     assert "give none beside it" in refused("q_learning", "--resume", cut.folder, "--seed", 3)
     assert "is not a run folder" in refused("q_learning", "--resume", cut.folder / "nowhere")
     with cut.locked():
-        assert "is being trained by another process" in refused("q_learning", "--resume", cut.folder)
+        assert "is being trained by another process" in refused(
+            "q_learning", "--resume", cut.folder
+        )
     cut.update(versions={**cut.manifest.versions, "torch": "1.0"})
-    assert "only with the packages that began it: torch 1.0, not " in refused("q_learning", "--resume", cut.folder)
+    assert "only with the packages that began it: torch 1.0, not " in refused(
+        "q_learning", "--resume", cut.folder
+    )
 
 
 def test_seconds_go_on_from_those_of_the_checkpoint(cut):

@@ -1,4 +1,6 @@
-"""Facts of sweeps: what they train, what they refuse, and that no run is lost to a failure or to a kill."""
+"""Facts of sweeps: what they train, what they refuse, and that no run is lost to a failure or to a
+kill.
+"""
 
 import signal
 import subprocess
@@ -84,7 +86,9 @@ def test_scoreboard_holds_the_eight_problems_and_ten_seeds_of_every_algorithm():
     assert {config.agent.algorithm for config in configs} == set(DEFAULTS)
     assert all(config.agent == DEFAULTS[config.agent.algorithm].agent for config in configs)
     hardware = {
-        (config.env.irs_elements is None, config.env.phase_bits, config.env.target_db): build_world(config.env).scene
+        (config.env.irs_elements is None, config.env.phase_bits, config.env.target_db): build_world(
+            config.env
+        ).scene
         for config in configs
     }
     assert sorted(hardware, key=str) == sorted(
@@ -92,7 +96,10 @@ def test_scoreboard_holds_the_eight_problems_and_ten_seeds_of_every_algorithm():
         + [(True, None, target_db) for target_db in (-62.5, -61.8, -61.2, -60.0)],
         key=str,
     )
-    assert {sum(panel.elements for panel in scene.irs_panels) for scene in hardware.values()} == {0, 1200}
+    assert {sum(panel.elements for panel in scene.irs_panels) for scene in hardware.values()} == {
+        0,
+        1200,
+    }
 
 
 def test_each_ablation_changes_one_thing():
@@ -130,12 +137,24 @@ def test_each_ablation_changes_one_thing():
         (("seeds = 2", "seeds = 0"), "seeds: Input should be greater than or equal to 1"),
         (('["q_learning"]', '["sarsa"]'), r"algorithms\.0.*Input should be 'ppo'"),
         (("seeds = 2", "seeds = 2\nworkers = 3"), "workers: Extra inputs are not permitted"),
-        (("settings.short", 'settings."../elsewhere"'), r"settings.../elsewhere.\[key\]: String should match"),
-        (("patch_radius = 1", "patch = 1"), "settings.short.env: .* unexpected keyword argument .patch.:"),
+        (
+            ("settings.short", 'settings."../elsewhere"'),
+            r"settings.../elsewhere.\[key\]: String should match",
+        ),
+        (
+            ("patch_radius = 1", "patch = 1"),
+            "settings.short.env: .* unexpected keyword argument .patch.:",
+        ),
         (("patch_radius = 1", "target_db = -50"), "target_db=-50.0 is infeasible"),
         (("patch_radius = 1", 'scene = "nowhere.json"'), "nowhere.json"),
-        (("n_envs = 4", "n_envs = 0"), r"settings.short.agent \(q_learning\): n_envs=0 must be a positive integer"),
-        (("n_envs = 4", "n_steps = 4"), r"settings.short.agent \(q_learning\): unknown name n_steps"),
+        (
+            ("n_envs = 4", "n_envs = 0"),
+            r"settings.short.agent \(q_learning\): n_envs=0 must be a positive integer",
+        ),
+        (
+            ("n_envs = 4", "n_steps = 4"),
+            r"settings.short.agent \(q_learning\): unknown name n_steps",
+        ),
         (("eval_every = 64", "eval_every = 0"), "settings.short.training: eval_every=0"),
         (("seeds = 2", "seeds = "), "Invalid value"),
         (
@@ -182,12 +201,18 @@ def test_folder_that_is_no_run_is_not_touched(tmp_path):
 
 
 def hashes(folder: Path) -> dict[str, str]:
-    return {path.name: sha256(path.read_bytes()).hexdigest() for path in folder.iterdir() if path.is_file()}
+    return {
+        path.name: sha256(path.read_bytes()).hexdigest()
+        for path in folder.iterdir()
+        if path.is_file()
+    }
 
 
 def sweep(file: Path, *words: str) -> subprocess.Popen:
     command = [sys.executable, "-m", "train", "sweep", str(file), "--jobs", "2", *words]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    return subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
 
 
 EXPLODING = """
@@ -223,7 +248,9 @@ def test_sweep_goes_on_with_what_was_cut_leaves_what_has_ended_and_keeps_what_fa
         assert "\x1b" not in told
 
 
-def test_failed_run_is_tried_again_then_kept_as_failed_then_tried_by_the_next_sweep(tmp_path, monkeypatch):
+def test_failed_run_is_tried_again_then_kept_as_failed_then_tried_by_the_next_sweep(
+    tmp_path, monkeypatch
+):
     def fail(_):
         raise ray.exceptions.WorkerCrashedError
 
@@ -248,7 +275,9 @@ def test_run_of_another_process_is_left_to_it(tmp_path, monkeypatch, retries):
     Run.create(folder, record_of(config))
 
     def busy(_):
-        raise ray.exceptions.RayTaskError("_train", "", LockedError("it is being trained")).as_instanceof_cause()
+        raise ray.exceptions.RayTaskError(
+            "_train", "", LockedError("it is being trained")
+        ).as_instanceof_cause()
 
     monkeypatch.setattr(ray, "get", busy)
     runs.running = {"task": config}
@@ -257,7 +286,9 @@ def test_run_of_another_process_is_left_to_it(tmp_path, monkeypatch, retries):
     assert (len(runs.waiting), Run.open(folder).manifest.status) == (0, "running")
 
 
-def test_failure_is_not_written_into_a_run_that_another_process_has_taken_over(tmp_path, monkeypatch):
+def test_failure_is_not_written_into_a_run_that_another_process_has_taken_over(
+    tmp_path, monkeypatch
+):
     def fail(_):
         raise ray.exceptions.WorkerCrashedError
 
@@ -324,7 +355,9 @@ def test_sweep_that_is_killed_goes_on(tmp_path):
     wait_for_checkpoint(process, folders[0])
     process.kill()
     process.communicate(timeout=60)
-    assert not all(folder.exists() and Run.open(folder).manifest.status in resume.ENDED for folder in folders)
+    assert not all(
+        folder.exists() and Run.open(folder).manifest.status in resume.ENDED for folder in folders
+    )
     process = sweep(file)
     said, _ = process.communicate(timeout=300)
     assert process.returncode == 0, said
@@ -336,28 +369,45 @@ def test_sweep_that_is_killed_goes_on(tmp_path):
 
 
 def test_sweeps_over_many_scenes_hold_every_generalist_and_the_curve():
-    plans = [Plan.load(SWEEPS / f"{name}.toml") for name in ("generalisation", "generalisation-slow")]
+    plans = [
+        Plan.load(SWEEPS / f"{name}.toml") for name in ("generalisation", "generalisation-slow")
+    ]
     configs = [config for plan in plans for config in plan.configs()]
     after = Plan.load(SWEEPS / "generalisation-then-ppo.toml")
     trained = {config.agent.algorithm for config in [*configs, *after.configs()]}
     assert trained == set(GENERALISTS)
-    planners = [config for config in configs if config.agent.algorithm == "planner" and config.seed == 0]
+    planners = [
+        config for config in configs if config.agent.algorithm == "planner" and config.seed == 0
+    ]
     assert {config.env.num_scenes for config in planners} == {10, 100, 1000, 3000, 10000}
     folders = {config.out for config in configs}
     for config in after.configs():
-        assert config.agent.weights in folders  # what they begin with is trained by the sweep before
+        assert (
+            config.agent.weights in folders
+        )  # what they begin with is trained by the sweep before
         assert f"seed{config.seed}" in str(config.agent.weights)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"env": {"num_scene": 3}}, r"settings.default.env: .* unexpected keyword argument .num_scene."),
-        ({"env": {"num_scenes": 0}}, r"settings.default.env: num_scenes=0 must be a positive integer"),
-        ({"agent": {"width": 0}}, r"settings.default.agent \(planner\): width=0 must be a positive integer"),
+        (
+            {"env": {"num_scene": 3}},
+            r"settings.default.env: .* unexpected keyword argument .num_scene.",
+        ),
+        (
+            {"env": {"num_scenes": 0}},
+            r"settings.default.env: num_scenes=0 must be a positive integer",
+        ),
+        (
+            {"agent": {"width": 0}},
+            r"settings.default.agent \(planner\): width=0 must be a positive integer",
+        ),
     ],
 )
 def test_bad_sweep_over_many_scenes_is_refused_by_name(change, message):
-    plan = Plan(out=Path("runs/none"), seeds=1, algorithms=("planner",), settings={"default": change})
+    plan = Plan(
+        out=Path("runs/none"), seeds=1, algorithms=("planner",), settings={"default": change}
+    )
     with pytest.raises(PlanError, match=message):
         plan.check()

@@ -1,4 +1,6 @@
-"""Facts of training: its command line, what it refuses, that it learns, and that it can be repeated and interrupted."""
+"""Facts of training: its command line, what it refuses, that it learns, and that it can be repeated
+and interrupted.
+"""
 
 import errno
 import os
@@ -36,7 +38,11 @@ def test_every_argument_of_the_environment_is_on_the_command_line():
     words = []
     for name, value in given.items():
         option = f"--env.{'no-' if value is False else ''}{name.replace('_', '-')}"
-        words += [option] if value is False else [option, *map(str, value if isinstance(value, tuple) else [value])]
+        words += (
+            [option]
+            if value is False
+            else [option, *map(str, value if isinstance(value, tuple) else [value])]
+        )
     assert parse("ppo", words).env == Task(**given)
     own_map = split("--env.radio-map my.npz --env.start 0 0 --env.goal 1 1")
     assert parse("ppo", own_map).env.radio_map == "my.npz"
@@ -90,7 +96,18 @@ def test_run_folder_in_use_is_refused_unless_it_may_be_replaced(capsys, tmp_path
 
 def test_same_seed_gives_the_same_learning_curve_and_another_seed_another(tmp_path):
     for name, seed in (("first", 3), ("again", 3), ("other", 4)):
-        call(["ppo", "--out", tmp_path / name, *TINY["ppo"], "--agent.total-timesteps", 640, "--seed", seed])
+        call(
+            [
+                "ppo",
+                "--out",
+                tmp_path / name,
+                *TINY["ppo"],
+                "--agent.total-timesteps",
+                640,
+                "--seed",
+                seed,
+            ]
+        )
     first, again, other = (curve(tmp_path / name) for name in ("first", "again", "other"))
     assert [int(row["steps"]) for row in first] == list(range(64, 641, 64))
     assert first == again
@@ -98,7 +115,9 @@ def test_same_seed_gives_the_same_learning_curve_and_another_seed_another(tmp_pa
 
 
 def test_ppo_finds_the_optimum_of_an_open_floor_and_stops_there(tmp_path):
-    words = split("--agent.n-envs 16 --agent.n-steps 32 --agent.batch-size 128 --eval-every 512 --no-progress")
+    words = split(
+        "--agent.n-envs 16 --agent.n-steps 32 --agent.batch-size 128 --eval-every 512 --no-progress"
+    )
     assert call(["ppo", "--out", tmp_path / "run", *words, *open_floor(tmp_path)]) == 0
     run = Run.open(tmp_path / "run")
     assert run.manifest.status == "at_optimum"
@@ -110,21 +129,40 @@ def test_ppo_finds_the_optimum_of_an_open_floor_and_stops_there(tmp_path):
 
 
 def test_best_model_is_that_of_the_shortest_tested_path(tmp_path):
-    words = [*TINY["ppo"], "--no-stop-at-optimum", "--agent.total-timesteps", 3200, "--agent.learning-rate", 0.01]
+    words = [
+        *TINY["ppo"],
+        "--no-stop-at-optimum",
+        "--agent.total-timesteps",
+        3200,
+        "--agent.learning-rate",
+        0.01,
+    ]
     assert call(["ppo", "--out", tmp_path / "run", *words, *open_floor(tmp_path)]) == 0
     run = Run.open(tmp_path / "run")
     rows = [row for row in curve(run.folder) if row["is_success"] == "1"]
     shortest = min(rows, key=lambda row: float(row["distance"]))
     assert run.manifest.models["best"].steps == int(shortest["steps"])
-    assert roll_out(run.load_model(), evaluation_env(run.task)).distance == float(shortest["distance"])
+    assert roll_out(run.load_model(), evaluation_env(run.task)).distance == float(
+        shortest["distance"]
+    )
     assert run.manifest.models["last"].steps == 3200
     assert run.manifest.status == "finished"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGINT for one process there")
 def test_ctrl_c_saves_the_run_and_ends_without_a_traceback(tmp_path):
-    command = [sys.executable, "-m", "train", "ppo", "--out", str(tmp_path / "run"), "--no-progress"]
-    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    command = [
+        sys.executable,
+        "-m",
+        "train",
+        "ppo",
+        "--out",
+        str(tmp_path / "run"),
+        "--no-progress",
+    ]
+    process = subprocess.Popen(
+        command, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     deadline = time.monotonic() + 120
     while not (tmp_path / "run/learning_curve.csv").exists():
         assert process.poll() is None
@@ -159,8 +197,12 @@ def test_two_trainings_that_begin_in_one_second_get_two_folders(tmp_path, monkey
     assert names == [f"q_learning-seed0-20261101-120000{suffix}" for suffix in ("", "-2", "-4")]
 
 
-@pytest.mark.parametrize("file", ["manifest.json", "learning_curve.csv", "checkpoint-96.pickle", "last-320.npz"])
-def test_full_disk_ends_a_training_in_a_line_and_the_run_says_how_it_stands(capsys, tmp_path, monkeypatch, file):
+@pytest.mark.parametrize(
+    "file", ["manifest.json", "learning_curve.csv", "checkpoint-96.pickle", "last-320.npz"]
+)
+def test_full_disk_ends_a_training_in_a_line_and_the_run_says_how_it_stands(
+    capsys, tmp_path, monkeypatch, file
+):
     written = []
 
     def write(path: Path, content: bytes) -> None:
@@ -170,10 +212,20 @@ def test_full_disk_ends_a_training_in_a_line_and_the_run_says_how_it_stands(caps
         write_file(path, content)
 
     monkeypatch.setattr(run_folder, "write_file", write)
-    words = ["q_learning", "--out", tmp_path / "run", *TINY["q_learning"], "--agent.total-timesteps", 320]
+    words = [
+        "q_learning",
+        "--out",
+        tmp_path / "run",
+        *TINY["q_learning"],
+        "--agent.total-timesteps",
+        320,
+    ]
     assert call(words) == 1
     said = capsys.readouterr().err
-    assert said == f"python -m train q_learning: [Errno 28] No space left on device: '{tmp_path / 'run' / file}'\n"
+    assert (
+        said
+        == f"python -m train q_learning: [Errno 28] No space left on device: '{tmp_path / 'run' / file}'\n"
+    )
     manifest = Run.open(tmp_path / "run").manifest
     assert (manifest.status, "No space left" in manifest.error) == ("failed", True)
     monkeypatch.setattr(run_folder, "write_file", write_file)

@@ -40,7 +40,10 @@ def test_a_single_environment_tells_the_same_keys_at_every_step(env_id, argument
         assert {key for key, kind in kinds.items() if kind is bool} == {"is_success", "is_refused"}
         assert {key for key, kind in kinds.items() if kind is int} == {"refused"}
         assert set(kinds.values()) <= {bool, float, int, str}
-        assert json.loads(json.dumps({**info, "action_mask": info["action_mask"].tolist()}))["spl"] == info["spl"]
+        assert (
+            json.loads(json.dumps({**info, "action_mask": info["action_mask"].tolist()}))["spl"]
+            == info["spl"]
+        )
 
 
 def test_infos_chooses_the_keys():
@@ -63,14 +66,21 @@ def test_infos_chooses_the_keys():
 @pytest.mark.parametrize("infos", ["spl", None, ["speed"], 3, [1], {"spl": True}, True])
 def test_unknown_keys_are_refused_by_name(infos):
     for make in (gymnasium.make, gymnasium.make_vec):
-        with pytest.raises(ValueError, match=r"infos=.* must be 'all', 'fast', or a list of some of distance, refused"):
+        with pytest.raises(
+            ValueError,
+            match=r"infos=.* must be 'all', 'fast', or a list of some of distance, refused",
+        ):
             make(ONE[0], infos=infos)
 
 
 @pytest.mark.parametrize(("env_id", "arguments"), [ONE, MANY])
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_a_vector_environment_tells_plain_dicts_with_the_same_keys_at_every_step(env_id, arguments, mode):
-    env = gymnasium.make_vec(env_id, num_envs=3, autoreset_mode=mode, max_episode_steps=4, infos="all", **arguments)
+def test_a_vector_environment_tells_plain_dicts_with_the_same_keys_at_every_step(
+    env_id, arguments, mode
+):
+    env = gymnasium.make_vec(
+        env_id, num_envs=3, autoreset_mode=mode, max_episode_steps=4, infos="all", **arguments
+    )
     keys = [*env.reset(seed=0)[1]]
     rng, ends = np.random.default_rng(0), 0
     for _ in range(30):
@@ -90,8 +100,12 @@ def test_a_vector_environment_tells_plain_dicts_with_the_same_keys_at_every_step
 
 
 def test_arrays_of_a_step_are_nobody_elses():
-    ours = gymnasium.make_vec(ONE[0], num_envs=3, infos="all", constraint="allow", random_start=True)
-    theirs = gymnasium.make_vec(ONE[0], num_envs=3, infos="all", constraint="allow", random_start=True)
+    ours = gymnasium.make_vec(
+        ONE[0], num_envs=3, infos="all", constraint="allow", random_start=True
+    )
+    theirs = gymnasium.make_vec(
+        ONE[0], num_envs=3, infos="all", constraint="allow", random_start=True
+    )
     rng = np.random.default_rng(0)
     mine, other = ours.reset(seed=0), theirs.reset(seed=0)
     for _ in range(50):

@@ -13,6 +13,7 @@ __all__ = ["load_pretrained"]
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'agents' has no attribute {name!r}")
+
     from agents.runs import pretrained  # on first use, so that `import agents` costs nothing
 
     return getattr(pretrained, name)

@@ -61,7 +61,8 @@ class IrsNavVecEnv(VecEnv):
         )
         self.render_mode = render_mode
         self._actions = np.zeros(num_envs, dtype=np.int64)
-        self._return, self._length = np.zeros(num_envs), np.zeros(num_envs, dtype=np.int64)
+        self._return = np.zeros(num_envs)
+        self._length = np.zeros(num_envs, dtype=np.int64)
         self._began = time.time()
         self.envs.spec = self.spec = _spec(vector_env, max_episode_steps, env_kwargs)
         super().__init__(
@@ -83,6 +84,7 @@ class IrsNavVecEnv(VecEnv):
         self.reset_infos = _one_by_one(infos)
         self._reset_seeds()
         self._reset_options()
+
         return observation
 
     def step_async(self, actions: NDArray[np.integer[Any]]) -> None:
@@ -97,8 +99,10 @@ class IrsNavVecEnv(VecEnv):
 
         each_info = _one_by_one(infos)
         done = terminated | truncated
+
         for info in each_info:
             info["TimeLimit.truncated"] = False
+
         if done.any():
             final_infos = _one_by_one(infos["final_info"])
             for i in np.flatnonzero(done).tolist():
@@ -109,8 +113,10 @@ class IrsNavVecEnv(VecEnv):
                     "terminal_observation": infos["final_obs"][i],
                     "episode": self._episode(i),
                 }
+
         self._return[done] = 0.0
         self._length[done] = 0
+
         return observation, reward.astype(np.float32), done, each_info
 
     def _episode(self, i: int) -> dict[str, Any]:
@@ -143,6 +149,7 @@ class IrsNavVecEnv(VecEnv):
                 values[i] = value
         else:
             values = [value] * self.num_envs
+
         self.envs.set_attr(attr_name, values)
 
     def env_method(
@@ -157,6 +164,7 @@ class IrsNavVecEnv(VecEnv):
             values: Sequence[Any] = self.envs.action_masks()
         else:
             values = self.envs.call(method_name, *method_args, **method_kwargs)
+
         return [values[i] for i in self._get_indices(indices)]
 
     def has_attr(self, attr_name: str) -> bool:
@@ -165,6 +173,7 @@ class IrsNavVecEnv(VecEnv):
             self.envs.get_attr(attr_name)
         except AttributeError:
             return False
+
         return True
 
     def env_is_wrapped(

@@ -42,6 +42,7 @@ def main() -> int:
     command = partial(
         tyro.cli, import_module(f"eval.commands.{name}").main, args=arguments, prog=program
     )
+
     return interruptible(program, lambda: command() or 0)
 
 

@@ -61,6 +61,7 @@ class Place:
             others = ", ".join(name for name in self.given if name not in generated)
             why = f"along with {others}" if others else "here: this policy learned in one scene"
             raise ValueError(f"{' and '.join(generated)} cannot be given {why}")
+
         return self.given
 
     def scenes(self) -> tuple[dict[str, Any], int]:
@@ -79,10 +80,12 @@ class Place:
             if number < 0:
                 raise ValueError(f"scene_id={number} must be 0 or more")
             return {"split": self.split or "test", "num_scenes": number + 1}, number
+
         own = self.of_one_scene
         scene = load_scene(own.pop("scene", "paper"))
         elements = own.pop("irs_elements", None)
         scene = scene if elements is None else scene.with_irs_elements(elements)
+
         return {"scenes": [type(scene).model_validate({**scene.model_dump(), **own})]}, 0
 
 
@@ -127,17 +130,21 @@ def load_policy(
         return _on_scenes(
             policy, "flat" if isinstance(policy, Explorer) else "map", place, render_mode
         )
+
     if Path(name).exists() and (
         Path(name, "manifest.json").exists() or name not in (*ALGORITHMS, *GENERALISTS)
     ):
         return _of_run(Run.open(name), place, render_mode, model)
+
     if name in ALGORITHMS:
         pretrained: Any = load_pretrained(name, **place.of_one_scene)
         return LoadedPolicy(pretrained, pretrained.make_env(render_mode))
+
     if name in GENERALISTS:
         return _generalist(load_pretrained(name).policy, name, place, render_mode)  # type: ignore[arg-type]
     if name in REFERENCE_POLICIES:
         return _reference(lambda env: REFERENCE_POLICIES[name](env, seed), place, render_mode)
+
     known = ", ".join([*ALGORITHMS, *GENERALISTS, *REFERENCE_POLICIES])
     raise ValueError(f"{name!r} is neither a run folder nor one of {known}")
 
@@ -145,11 +152,13 @@ def load_policy(
 def _of_run(run: Run, place: Place, render_mode: str, model: str) -> LoadedPolicy:
     if run.is_generalist:
         return _generalist(run.load_model(model), run.config.algorithm, place, render_mode)  # type: ignore[arg-type]
+
     if place.given:
         said = ", ".join(place.given)
         raise ValueError(
             f"{said} cannot be given along with a run: its agent plays where it was trained"
         )
+
     return LoadedPolicy(run.load_model(model), _in_task(run.task, render_mode))
 
 
@@ -165,6 +174,7 @@ def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) ->
     if isinstance(policy, Explorer):
         inner: Any = env.unwrapped
         policy = replace(policy, shape=inner.worlds.pool.shape)
+
     return LoadedPolicy(policy, env, {"scene_id": number})
 
 
@@ -174,6 +184,7 @@ def _reference(
     if place.split is None and place.scene_id is None:
         env = _in_task(Task(**place.given), render_mode)
         return LoadedPolicy(make(env), env)
+
     blank = _on_scenes(None, "flat", place, render_mode)
     return replace(blank, policy=make(blank.env))
 

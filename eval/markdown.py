@@ -38,6 +38,7 @@ def code(name: str) -> str:
     shown = printable(name).replace("|", "\\|")
     longest = max(map(len, re.findall("`+", shown)), default=0)
     fence = "`" * (longest + 1)
+
     return f"{fence} {shown} {fence}" if longest else f"{fence}{shown}{fence}"
 
 

@@ -21,9 +21,11 @@ def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes
     figure.savefig(content, format="png", dpi=dpi, metadata={"Software": None})
     if not in_palette:
         return content.getvalue()
+
     few = Image.open(content).convert("RGB").quantize(256, kmeans=1, dither=Image.Dither.NONE)
     content = BytesIO()
     few.save(content, format="png", optimize=True)
+
     return content.getvalue()
 
 
@@ -38,6 +40,7 @@ def add_legend(figure: Figure, handles: Sequence[Artist]) -> None:
     """A legend below the figure, in as many columns as its width has room for, up to four."""
     for each in handles:
         each.set_label(literal(str(each.get_label())))
+
     lengths = [
         len(str(each.get_label())) + 7 for each in handles
     ]  # in characters; seven for the line or mark

@@ -16,7 +16,8 @@ from scipy import stats
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999
-ONE_SEED, ALL_EQUAL = "one seed", "all seeds equal"
+ONE_SEED = "one seed"
+ALL_EQUAL = "all seeds equal"
 _EQUAL = 1e-9  # values this close, in proportion, differ by the rounding of sums alone
 
 Floats = NDArray[np.float64]
@@ -83,12 +84,14 @@ def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) ->
         raise ValueError(
             f"values {table.shape} must be (seeds,) or (seeds, tasks), not empty and without NaN"
         )
+
     table = table.reshape(len(table), -1)
     value = float(statistic(table))
     if len(table) == 1:
         return Estimate(value, None, None, ONE_SEED)
     if np.allclose(table, table[0], rtol=_EQUAL, atol=_EQUAL):
         return Estimate(value, value, value, ALL_EQUAL)
+
     with np.errstate(
         invalid="ignore"
     ):  # infinite statistics have no standard error, which is not looked at
@@ -101,7 +104,9 @@ def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) ->
             method="percentile",
             rng=np.random.default_rng(rng),
         )
+
     low, high = _middle(found.bootstrap_distribution)
+
     return Estimate(value, float(low), float(high))
 
 
@@ -121,10 +126,12 @@ def paired_difference(differences: ArrayLike, *, rng: int = 0) -> Estimate:
         raise ValueError(
             f"differences {table.shape} must be (seeds, scenes), not empty and without NaN"
         )
+
     draws = np.random.default_rng(rng)
     shares = [draws.multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES) / n for n in table.shape]
     found = ((shares[0] @ table) * shares[1]).sum(axis=1)
     low, high = _middle(found)
+
     return Estimate(
         float(table.mean()), float(low), float(high), ONE_SEED if len(table) == 1 else ""
     )
@@ -144,11 +151,13 @@ def band(curves: ArrayLike, *, rng: int = 0) -> tuple[Floats, Floats, Floats]:
     table = np.asarray(curves, dtype=np.float64)
     if len(table) == 1:
         return table[0], table[0], table[0]
+
     found = stats.bootstrap(
         (table,), np.mean, axis=0, vectorized=True, n_resamples=1999, batch=100, method="percentile",
         rng=np.random.default_rng(rng),
     )  # fmt: skip
     low, high = _middle(found.bootstrap_distribution)
+
     return table.mean(axis=0), low, high
 
 

@@ -75,6 +75,7 @@ def read_file(path: Path, most: int | None = None) -> bytes:
     """
     if not stat.S_ISREG(path.stat().st_mode):
         raise ValueError(f"{str(path)!r} is not a regular file")
+
     # Should it be replaced by a pipe just now, opening does not wait for a writer.
     descriptor = os.open(
         path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -83,6 +84,7 @@ def read_file(path: Path, most: int | None = None) -> bytes:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):
             raise ValueError(f"{str(path)!r} is not a regular file")
+
         _check_size(f"{str(path)!r}", found.st_size, most)
         return file.read(found.st_size)
 
@@ -114,13 +116,16 @@ def read_arrays(
     """
     content = read_file(source, limit) if isinstance(source, Path) else source
     _check_size("the archive", len(content), limit)
+
     try:
         with zipfile.ZipFile(BytesIO(content)) as archive:
             members = _members(archive, limit)
             missing = sorted(set(needed) - set(members))
             if missing:
                 raise ValueError(f"{', '.join(missing)} is not a file in the archive")
+
             headers = {name: _header(archive, name, each) for name, each in members.items()}
+
             return {
                 name: _array(archive, members[name], *header) for name, header in headers.items()
             }
@@ -148,6 +153,7 @@ def _members(archive: zipfile.ZipFile, limit: int | None) -> dict[str, zipfile.Z
         raise ValueError(
             f"the archive holds {len(entries)} arrays, more than the {MEMBERS} that are read here"
         )
+
     end = 0
     for entry in sorted(entries, key=lambda each: each.header_offset):
         if entry.flag_bits & 1:
@@ -158,7 +164,9 @@ def _members(archive: zipfile.ZipFile, limit: int | None) -> dict[str, zipfile.Z
             )
         if entry.header_offset < end:
             raise ValueError(f"{entry.filename!r} overlaps another member")
+
         end = entry.header_offset + entry.compress_size
+
     _check_size("what the archive unpacks to", sum(entry.file_size for entry in entries), limit)
 
     members = {
@@ -168,6 +176,7 @@ def _members(archive: zipfile.ZipFile, limit: int | None) -> dict[str, zipfile.Z
     }
     if len(members) < len(entries):
         raise ValueError("the archive holds two arrays of one name, or files that are no arrays")
+
     return members
 
 
@@ -181,12 +190,14 @@ def _header(
         start = file.read(12)
         if start[:6] != b"\x93NUMPY" or start[6:8] not in (b"\x01\x00", b"\x02\x00", b"\x03\x00"):
             raise ValueError(f"{name} is not an array in NumPy's format")
+
         prefix = 10 if start[6] == 1 else 12
         length = int.from_bytes(start[8:prefix], "little")
         if length > _HEADER:
             raise ValueError(
                 f"{name} has a header of {length} bytes, more than the {_HEADER} that are read here"
             )
+
         text = (start[prefix:] + file.read(prefix + length - 12)).decode("latin1")
 
     found = _DESCRIPTION.fullmatch(text)
@@ -202,6 +213,7 @@ def _header(
         raise ValueError(
             f"{name} holds values of the type {found['type']!r}, not numbers, bools or strings"
         )
+
     kind = np.dtype(found["type"])
     shape = [int(part) for part in found["shape"].split(",") if part.strip()]
     if len(shape) > _AXES or any(length >= 2**62 for length in shape):
@@ -210,6 +222,7 @@ def _header(
         raise ValueError(
             f"{name} has {entry.file_size} bytes, but {tuple(shape)} values of the type {kind} are others"
         )
+
     return prefix + length, kind, "F" if found["order"] == "True" else "C", shape
 
 
@@ -224,6 +237,7 @@ def _array(
     content = archive.read(entry)
     if kind.itemsize == 0 or not prod(shape):
         return np.zeros(shape, kind)
+
     array = np.frombuffer(content, kind, offset=start).reshape(shape, order=order)  # type: ignore[call-overload]
     if kind.kind == "b" and (array.view(np.uint8) > 1).any():
         raise ValueError(f"{entry.filename!r} holds bools that are neither True nor False")
@@ -232,6 +246,7 @@ def _array(
         and (np.frombuffer(content, f"{kind.byteorder}u4", offset=start) > 0x10FFFF).any()
     ):
         raise ValueError(f"{entry.filename!r} holds characters that there are not")
+
     return np.asarray(array.astype(kind.newbyteorder("=")))
 
 
@@ -256,6 +271,7 @@ def write_file(path: Path, content: bytes) -> None:
             except BaseException:
                 draft.unlink(missing_ok=True)
                 raise
+
         _move(draft, path)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error

@@ -26,7 +26,9 @@ for _constant in (MOVES, MOVE_LENGTHS):
 
 Cell = tuple[int, int]
 
-SMALLEST, LARGEST = 1e-9, 1e9  # metres: of a cell's edge, and of any coordinate
+# metres: of a cell's edge, and of any coordinate
+SMALLEST = 1e-9
+LARGEST = 1e9
 _SNAP = 1e-9  # in cells: a point this near to a border counts as on it, whatever the rounding of its coordinates
 
 
@@ -58,6 +60,7 @@ class Grid:
         columns, rows = as_cell(self.shape, "shape", "two positive numbers of cells (X, Y)")
         if columns < 1 or rows < 1:
             raise ValueError(f"shape={self.shape!r} must be two positive numbers of cells (X, Y)")
+
         object.__setattr__(self, "shape", (columns, rows))
         object.__setattr__(self, "cell_size", checked_cell_size(self.cell_size))
         object.__setattr__(self, "origin", checked_point(self.origin, "origin"))
@@ -75,8 +78,10 @@ class Grid:
             corner is no point.
         """
         cell_size = checked_cell_size(cell_size)
-        lower, upper = checked_point(lower, "lower"), checked_point(upper, "upper")
+        lower = checked_point(lower, "lower")
+        upper = checked_point(upper, "upper")
         shape = []
+
         for axis, low, high in zip("xy", lower, upper, strict=True):
             cells = (high - low) / cell_size
             if round(cells) < 1 or abs(cells - round(cells)) > _SNAP * max(1.0, cells):
@@ -85,6 +90,7 @@ class Grid:
                     f"{(high - low) / max(1, round(cells)):.6g} m would"
                 )
             shape.append(round(cells))
+
         return cls((shape[0], shape[1]), cell_size, lower)
 
     @property
@@ -122,15 +128,18 @@ class Grid:
         """
         point = _two_numbers(point, "point")
         cell = []
+
         for value, low, n in zip(point, self.origin, self.shape, strict=True):
             position = (value - low) / self.cell_size
             if not -_SNAP <= position <= n + _SNAP:
                 raise ValueError(
                     f"the point {point} m lies outside the floor from {self.origin} to {self.upper} m"
                 )
+
             nearest = round(position)
             index = nearest if abs(position - nearest) < _SNAP else floor(position)
             cell.append(min(index, n - 1))
+
         return cell[0], cell[1]
 
     def has(self, cell: Cell) -> bool:
@@ -156,6 +165,7 @@ def as_cell(value: Any, name: str, wanted: str = "a cell (i, j) of two integers"
             return index(i), index(j)
     except (TypeError, ValueError):
         pass
+
     raise ValueError(f"{name}={value!r} must be {wanted}")
 
 
@@ -166,6 +176,7 @@ def checked_cell_size(cell_size: Any) -> float:
         raise ValueError(f"cell_size={cell_size!r} must be a positive number of metres")
     if not SMALLEST <= cell_size <= LARGEST:
         raise ValueError(f"cell_size={cell_size!r} must lie from {SMALLEST} to {LARGEST} m")
+
     return float(cell_size)
 
 
@@ -176,6 +187,7 @@ def checked_point(point: Any, name: str) -> tuple[float, float]:
         raise ValueError(
             f"{name}={point!r} must be two finite numbers of metres, none beyond {LARGEST}"
         )
+
     return x, y
 
 
@@ -186,6 +198,7 @@ def _two_numbers(point: Any, name: str) -> tuple[float, float]:
             return float(x), float(y)
     except (OverflowError, TypeError, ValueError):
         pass
+
     raise ValueError(f"{name}={point!r} must be two finite numbers of metres, along x and y")
 
 
@@ -199,21 +212,26 @@ def checked_map(values: Any, name: str, kinds: str, each: float = 0) -> NDArray[
         array = np.asarray(values)
     except ValueError as error:  # rows of unequal lengths
         raise ValueError(f"{name} is no array: {error}") from None
+
     if array.dtype.kind not in kinds:
         wanted = "bools" if kinds == "b" else "real numbers of dB"
         raise ValueError(f"{name} holds values of the type {array.dtype}, not {wanted}")
+
     if array.ndim != 2 or not array.size:
         raise ValueError(f"{name} has the shape {array.shape}, but a map has two axes (X, Y)")
+
     check_memory(
         f"{name}: work on a map of {array.shape[0]} x {array.shape[1]} cells", each * array.size
     )
     if kinds == "b":
         return array
+
     array = array.astype(np.float64, copy=False)
     if not np.all(array < np.inf):
         raise ValueError(
             f"{name} holds NaN or +inf: each cell must be a number of dB, or -inf where blocked"
         )
+
     return array
 
 
@@ -235,6 +253,7 @@ def legal_moves(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     columns, rows = free.shape
     padded = np.zeros((columns + 2, rows + 2), dtype=bool)
     padded[1:-1, 1:-1] = free
+
     return np.stack(
         [padded[1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1
     )

@@ -41,6 +41,7 @@ def memory_limit() -> int:
         raise ValueError(
             f'{VARIABLE}={given!r} must be a positive number of bytes, such as "500MiB" or "8GiB"'
         )
+
     return limit
 
 
@@ -81,6 +82,7 @@ def in_words(size: float) -> str:
         if size < 1024:
             return f"{size:.4g} {unit}"
         size /= 1024
+
     return f"{size:.4g} TiB"
 
 
@@ -104,8 +106,10 @@ def _machine() -> int:
         total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):  # not on Windows
         total = _UNKNOWN
+
     try:
         bound = Path("/sys/fs/cgroup/memory.max").read_text().strip()
     except OSError:
         return total
+
     return min(total, int(bound)) if bound.isdecimal() else total

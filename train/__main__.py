@@ -21,16 +21,19 @@ def main() -> int:
     name, *arguments = sys.argv[1:] or ["--help"]
     if name == "sweep":
         return _sweep(arguments)
+
     if name not in (*ALGORITHMS, *GENERALISTS):
         print(f"usage: python -m train {{{','.join([*ALGORITHMS, *GENERALISTS])},sweep}} [--help]")
         return 0 if name in ("-h", "--help") else 2
+
     return _train(name, arguments)
 
 
 def _train(algorithm: str, arguments: Sequence[str]) -> int:
     from train.config import parse
 
-    config, program = parse(algorithm, arguments), f"python -m train {algorithm}"
+    config = parse(algorithm, arguments)
+    program = f"python -m train {algorithm}"
 
     from agents.runs.run_folder import RunError
     from train.run import check, train
@@ -41,6 +44,7 @@ def _train(algorithm: str, arguments: Sequence[str]) -> int:
         except (OSError, ValueError) as error:
             print(f"{program}: {error}", file=sys.stderr)
             return 2
+
         try:
             run, evaluation = train(config)
         except RunError as error:
@@ -49,6 +53,7 @@ def _train(algorithm: str, arguments: Sequence[str]) -> int:
         except OSError as error:  # a full disk, say
             print(f"{program}: {error}", file=sys.stderr)
             return 1
+
         print(f"{run.folder}: {evaluation.summary}")
         return 128 + evaluation.signal if evaluation.is_interrupted else 0
 
@@ -59,13 +64,16 @@ def _sweep(arguments: Sequence[str]) -> int:
     import tyro
 
     program = "python -m train sweep"
+
     try:
         from train.sweep import main as sweep
     except ModuleNotFoundError as error:
         if error.name != "ray":
             raise
+
         print(f'{program}: Ray is missing: pip install -e ".[train,sweep]"', file=sys.stderr)
         return 2
+
     return interruptible(program, partial(tyro.cli, sweep, args=arguments, prog=program), ALL)
 
 

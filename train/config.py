@@ -196,10 +196,12 @@ def record_of(config: TrainConfig | GeneralistConfig) -> Config:
     """What a run folder keeps of the settings; what the environment leaves to its scene is written
     out.
     """
-    own, env = ("agent", "env", "seed", *_OF_THE_CALL), config.env
+    own = ("agent", "env", "seed", *_OF_THE_CALL)
+    env = config.env
     if isinstance(env, Task):
         whole = resolved(env)
         env = replace(env, target_db=whole.target_db, phase_bits=whole.phase_bits)
+
     return Config(
         algorithm=config.agent.algorithm,
         seed=config.seed,
@@ -213,6 +215,7 @@ def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
     """Settings of an old run; raises `ValueError` where there can be no such settings."""
     record = run.config
     default = defaults_of(record.algorithm)
+
     try:
         agent = TypeAdapter(type(default.agent)).validate_python(record.agent)
         env = TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task

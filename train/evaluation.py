@@ -27,7 +27,10 @@ class Evaluation(BaseCallback):
         self, run: Run, env: gymnasium.Env[Any, Any], every: int, hold: int | None
     ) -> None:
         super().__init__()
-        self.run, self.env, self.every, self.hold = run, env, every, hold
+        self.run = run
+        self.env = env
+        self.every = every
+        self.hold = hold
         self.rows: list[dict[str, Any]] = []
         self.best: EpisodeResult | None = None
         self.latest: EpisodeResult | None = None
@@ -61,6 +64,7 @@ class Evaluation(BaseCallback):
         seen = f"{self.status.replace('_', ' ')} after {self.num_timesteps:,} steps, {self.rows[-1]['seconds']:.0f} s"
         if self.best is None or self.best.ratio is None:
             return f"{seen}; no test reached the goal"
+
         return f"{seen}; best path {self.best.distance:.3f} m, {self.best.ratio:.3f} times the oracle's"
 
     @property
@@ -83,6 +87,7 @@ class Evaluation(BaseCallback):
     def _on_rollout_start(self) -> None:
         if self.num_timesteps - self._last >= self.every:
             self._test()
+
         self._is_over = self.is_at_optimum or self.is_interrupted
 
     def _on_step(self) -> bool:
@@ -109,8 +114,10 @@ class Evaluation(BaseCallback):
         """Put down the result of a test, and keep the best model."""
         self._last = self.num_timesteps
         self.rows.append({"steps": self.num_timesteps, "seconds": round(self.seconds, 3), **row})
+
         for name in logged:
             self.logger.record(f"eval/{name}", row[name])
+
         self.logger.dump(self.num_timesteps)
         self.run.write_curve(self.rows)
         if is_best:

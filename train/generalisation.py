@@ -19,14 +19,17 @@ class Generalisation(Evaluation):
 
     def __init__(self, run: Run, pool: SceneSet, every: int, observation: Observation) -> None:
         super().__init__(run, None, every, None)  # type: ignore[arg-type]  # plays in no environment
-        self.pool, self.observation = pool, observation
+        self.pool = pool
+        self.observation = observation
 
     @property
     def summary(self) -> str:
         """The result in one line."""
         assert self.best is not None
         seen = f"{self.status.replace('_', ' ')} after {self.num_timesteps:,} steps, {self.rows[-1]['seconds']:.0f} s"
-        success, spl = self.best.is_success.mean(), self.best.spl.mean()
+        success = self.best.is_success.mean()
+        spl = self.best.spl.mean()
+
         return f"{seen}; success {success:.3f}, SPL {spl:.4f} on {len(self.pool)} scenes that it did not learn on"
 
     def _test(self) -> None:

@@ -71,11 +71,13 @@ class Plan(_Table):
             raise PlanError(f"{file}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
         except (ValueError, RecursionError) as error:
             raise PlanError(f"{file}: {error}") from None
+
         runs = plan.seeds * sum(1 for _ in plan.cells())
         if runs > MOST_RUNS:
             raise PlanError(
                 f"{file}: seeds={plan.seeds} make {runs:,} runs, and a sweep has at most {MOST_RUNS:,}"
             )
+
         return plan
 
     def cells(self) -> Iterator[tuple[str, Trainable]]:
@@ -115,31 +117,40 @@ class Plan(_Table):
             Where a folder holds no run, or one that is not this user's own.
         """
         configs = self.configs()
+
         for env in dict.fromkeys(config.env for config in configs if isinstance(config.env, Task)):
             try:
                 evaluation_env(env).close()
             except ValueError as error:
                 raise PlanError(str(error)) from None
+
         for config in configs:
             assert config.out is not None
             if not config.out.exists():
                 continue
+
             run = Run.open(config.out)
             if not _is_same(run.config, record_of(config)):
                 raise PlanError(
                     f"{str(config.out)!r} holds a run with other settings: name another folder as out"
                 )
+
             if not trust and run.manifest.status not in ENDED:
                 run.own_manifest()
 
     def _configured(self, name: str, algorithm: Trainable) -> TrainConfig | GeneralistConfig:
-        where, setting, default = f"settings.{name}", self.settings[name], defaults_of(algorithm)
+        where = f"settings.{name}"
+        setting = self.settings[name]
+        default = defaults_of(algorithm)
         assert default is not None  # all algorithms have some
+
         try:
             env = _env_of(default.env, setting.env)
         except (TypeError, ValueError) as error:
             raise PlanError(f"{where}.env: {error}") from None
+
         agent = _changed(default.agent, setting.agent, f"{where}.agent ({algorithm})")
+
         return _changed(
             replace(default, agent=agent, env=env, progress=False),
             setting.training,
@@ -161,7 +172,9 @@ def _seeded(config: TrainConfig | GeneralistConfig, seed: int) -> TrainConfig | 
     weights = getattr(config.agent, "weights", None)
     if weights is None:
         return replace(config, seed=seed)
+
     agent = replace(config.agent, weights=Path(str(weights).replace("{seed}", str(seed))))
+
     return replace(config, agent=agent, seed=seed)
 
 
@@ -169,10 +182,13 @@ def _is_same(old: Config, new: Config) -> bool:
     """Whether two runs have the same settings, as JSON keeps them; a file of the user's own counts
     as the same.
     """
-    old_json, new_json = old.model_dump(mode="json"), new.model_dump(mode="json")
+    old_json = old.model_dump(mode="json")
+    new_json = new.model_dump(mode="json")
+
     for name, copy in COPIES.items():
         if old.env.get(name) == copy:
             old_json["env"][name] = new_json["env"][name]
+
     return old_json == new_json
 
 
@@ -186,6 +202,7 @@ def _changed(settings: _Settings, changes: Mapping[str, Any], where: str) -> _Se
         raise PlanError(
             f"{where}: unknown name {', '.join(unknown)}: the names are {', '.join(known)}"
         )
+
     try:
         return replace(settings, **changes)
     except (TypeError, ValueError) as error:

@@ -35,7 +35,8 @@ class Checkpoints(BaseCallback):
 
     def __init__(self, evaluation: Evaluation, every: int) -> None:
         super().__init__()
-        self.evaluation, self.every = evaluation, every
+        self.evaluation = evaluation
+        self.every = every
 
     def _on_training_start(self) -> None:
         self._last = self.num_timesteps
@@ -60,11 +61,13 @@ def check(run: Run, *, trust: bool = False) -> None:
         Where the run has ended, was begun with other packages, or is not this user's own and not to
         be trusted either.
     """
-    manifest, here = run.manifest, provenance.versions()
+    manifest = run.manifest
+    here = provenance.versions()
     if manifest.status in ENDED:
         raise RunError(
             f"{str(run.folder)!r} has ended ({manifest.status}): there is nothing to resume"
         )
+
     others = [
         f"{name} {old}, not {here.get(name)}"
         for name, old in manifest.versions.items()
@@ -74,6 +77,7 @@ def check(run: Run, *, trust: bool = False) -> None:
         raise CannotResumeError(
             f"{str(run.folder)!r} can be resumed only with the packages that began it: {'; '.join(others)}"
         )
+
     if not trust:
         run.own_manifest()
 
@@ -103,6 +107,7 @@ def restore(run: Run, evaluation: Evaluation, *, trust: bool = False) -> Any:
         run.remove_drafts()
         run.update(status="running", error=None, models={})
         return None
+
     entry, content = _newest(run, entries)
     state = _Unpickler(BytesIO(content)).load()
     run.rewind(entry, state["models"])
@@ -110,6 +115,7 @@ def restore(run: Run, evaluation: Evaluation, *, trust: bool = False) -> Any:
     random.setstate(state["random"])
     np.random.set_state(state["numpy"])  # noqa: NPY002  # the generator that Stable-Baselines3 draws from
     torch.set_rng_state(state["torch"])
+
     return state["model"]
 
 
@@ -119,6 +125,7 @@ def _newest(run: Run, entries: tuple[FileEntry, ...]) -> tuple[FileEntry, bytes]
             return entry, run.read(entry)
         except RunError as error:
             print(f"{error}: the checkpoint before it is used, if it is whole", file=sys.stderr)
+
     raise CannotResumeError(
         f"{str(run.folder)!r} holds no whole checkpoint: train anew with --overwrite"
     )
@@ -136,6 +143,7 @@ def _capture(model: Any, evaluation: Evaluation) -> bytes:
     }
     content = BytesIO()
     _Pickler(content, pickle.HIGHEST_PROTOCOL).dump(state)
+
     return content.getvalue()
 
 

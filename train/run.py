@@ -39,10 +39,12 @@ def check(config: TrainConfig | GeneralistConfig) -> None:
     if config.resume is not None:
         _check_resumed(config, Run.open(config.resume))
         return
+
     if isinstance(config.agent, MapAgentConfig):
         config.agent.build_network()
     elif isinstance(config, TrainConfig):
         evaluation_env(config.env).close()
+
     if config.out is not None:
         Run(config.out).check_vacant(overwrite=config.overwrite)
 
@@ -64,6 +66,7 @@ def train(config: TrainConfig | GeneralistConfig) -> tuple[Run, Evaluation]:
         else:
             run = Run(folder)
             locks.enter_context(run.locked())
+
         return run, train_locked(run, config)
 
 
@@ -107,6 +110,7 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
         model = config.agent.build(_material(config), config.seed)
     elif isinstance(config.agent, MapAgentConfig):
         model.pool = _material(config)
+
     outputs = (
         [TensorBoardOutputFormat(str(run.folder / "tensorboard"))] if config.tensorboard else []
     )
@@ -114,15 +118,18 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 
     callbacks = [evaluation, resume.Checkpoints(evaluation, config.checkpoint_every)]
     callbacks += [Progress()] if config.progress else []
+
     with noticed(evaluation.interrupt):
         steps = config.agent.total_timesteps - model.num_timesteps
         model.learn(steps, CallbackList(callbacks), reset_num_timesteps=is_new)
+
     evaluation.save("last")
     run.update(
         status=evaluation.status, **({} if evaluation.is_interrupted else {"checkpoints": ()})
     )
     if not isinstance(config.agent, MapAgentConfig):
         model.get_env().close()
+
     return evaluation
 
 
@@ -130,6 +137,7 @@ def _evaluation(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     if isinstance(config, GeneralistConfig):
         pool = _pool(config, config.env.test_split, config.env.test_scenes)
         return Generalisation(run, pool, config.eval_every, observation_of(config.agent.algorithm))
+
     hold = config.hold if config.stop_at_optimum else None
     return Evaluation(run, evaluation_env(config.env), config.eval_every, hold)
 
@@ -138,9 +146,11 @@ def _material(config: TrainConfig | GeneralistConfig) -> Any:
     """What is trained on: an environment, or a pool of scenes."""
     if isinstance(config, TrainConfig):
         return IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env))
+
     scenes = _pool(config, config.env.split, config.env.num_scenes)
     if isinstance(config.agent, MapAgentConfig):
         return scenes
+
     return IrsNavVecEnv(  # whose pool is named, not handed over, so that a checkpoint holds no maps
         config.agent.n_envs,
         vector_env=IrsNavRandomVectorEnv,
@@ -161,6 +171,7 @@ def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:
         raise RunError(
             f"{str(run.folder)!r} is a run of {run.config.algorithm}, not of {algorithm}"
         )
+
     own = replace(
         defaults_of(algorithm), resume=config.resume, trust=config.trust, progress=config.progress
     )
@@ -168,6 +179,7 @@ def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:
         raise ValueError(
             "--resume goes on with the run's own settings: give none beside it but --no-progress, --trust"
         )
+
     settings_of(run)
     resume.check(run, trust=config.trust)
 
@@ -178,6 +190,7 @@ def _lock_new(config: TrainConfig | GeneralistConfig, locks: ExitStack) -> Run:
     """
     name = f"{config.agent.algorithm}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"
     number = 1
+
     while True:
         run = Run(Path("runs") / (name if number == 1 else f"{name}-{number}"))
         with suppress(LockedError), ExitStack() as lock:
@@ -185,4 +198,5 @@ def _lock_new(config: TrainConfig | GeneralistConfig, locks: ExitStack) -> Run:
             if not run.folder.exists():
                 locks.push(lock.pop_all())
                 return run
+
         number += 1

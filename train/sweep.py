@@ -61,17 +61,20 @@ def main(
             raise ValueError(
                 f"jobs={jobs} must be 1 or more, and retries={retries} must not be negative"
             )
+
         plan = Plan.load(file)
         plan.check(trust=trust)
     except (OSError, ValueError) as error:
         print(f"python -m train sweep: {error}", file=sys.stderr)
         return 2
+
     sweep = Sweep(plan, retries, trust)
     try:
         sweep.run(jobs)
     except KeyboardInterrupt as error:
         print("python -m train sweep: interrupted; the same command goes on", file=sys.stderr)
         return 128 + getattr(error, "number", signal.SIGINT)
+
     return 1 if "failed" in sweep.states.values() else 0
 
 
@@ -84,13 +87,17 @@ class Sweep:
     """
 
     def __init__(self, plan: Plan, retries: int, trust: bool = False) -> None:
-        self.plan, self.retries, self.trust = plan, retries, trust
+        self.plan = plan
+        self.retries = retries
+        self.trust = trust
         self.states: dict[Path, str] = {}
         self.waiting: deque[TrainConfig | GeneralistConfig] = deque()
         self.running: dict[Any, TrainConfig | GeneralistConfig] = {}  # by Ray's name of the task
         self.failures: Counter[Path] = Counter()
         self.signal: int | None = None  # that has interrupted it
-        self.began, self.trained = time.monotonic(), 0
+        self.began = time.monotonic()
+        self.trained = 0
+
         for config in plan.configs():
             folder = _folder(config)
             self.states[folder] = _state(folder)
@@ -103,6 +110,7 @@ class Sweep:
         if not self.waiting:
             console.print(self.table())
             return
+
         slots = _start_ray(None if jobs is None else min(jobs, len(self.waiting)))
         try:
             # Within noticed() alone, since Ray has begun to handle SIGTERM itself.
@@ -113,6 +121,7 @@ class Sweep:
                 self._run(slots, live.console)
         finally:
             ray.shutdown()
+
         if self.signal is not None:
             raise Interruption(self.signal)
 
@@ -121,6 +130,7 @@ class Sweep:
         while self.running or (self.waiting and self.signal is None):
             while self.waiting and self.signal is None and len(self.running) < slots:
                 self._begin(self.waiting.popleft())
+
             if self.signal is not None and not is_told:
                 is_told = True
                 for task in self.running:
@@ -140,11 +150,13 @@ class Sweep:
         rows = Table(
             "setting", *(each.replace("_", " ") for each in algorithms), caption=self._caption()
         )
+
         for name in self.plan.settings:
             rows.add_row(
                 name,
                 *(self._cell(name, each) if (name, each) in cells else "" for each in algorithms),
             )
+
         return rows
 
     def _cell(self, setting: str, algorithm: str) -> str:
@@ -169,7 +181,9 @@ class Sweep:
         said += f"{timedelta(seconds=round(passed))}"
         if not self.trained or not self.running:
             return said
+
         left = passed / self.trained * (len(self.waiting) + len(self.running) / 2)
+
         return f"{said}, about {timedelta(seconds=round(left))} left"
 
     def _begin(self, config: TrainConfig | GeneralistConfig) -> None:
@@ -180,6 +194,7 @@ class Sweep:
         """Note how a run has ended; returns it as a line of text."""
         config = self.running.pop(task)
         folder = _folder(config)
+
         try:
             said = ray.get(task)
         except ray.exceptions.RayError as error:
@@ -187,13 +202,16 @@ class Sweep:
         else:
             self.trained += 1
             self.states[folder] = _state(folder)
+
         if self.states[folder] == "waiting" and self.signal is None:
             self.waiting.append(config)
+
         return f"{folder}: {said}"
 
     def _fail(self, config: TrainConfig | GeneralistConfig, error: Exception) -> tuple[str, str]:
         """What to say of a run that has failed, and how it stands."""
-        folder, cause = _folder(config), getattr(error, "cause", error)
+        folder = _folder(config)
+        cause = getattr(error, "cause", error)
         if isinstance(cause, LockedError):
             return "another process is training it", "elsewhere"
         if self.signal is not None:
@@ -203,6 +221,7 @@ class Sweep:
         self.failures[folder] += 1
         if self.failures[folder] <= self.retries:
             return f"failed, and is tried again: {reason}", "waiting"
+
         try:
             return self._keep_failed(config, error, reason)
         except LockedError:
@@ -219,9 +238,11 @@ class Sweep:
                 run.begin(record_of(config))
             elif _state(run.folder) in _DONE:
                 return "another process has trained it", _state(run.folder)
+
             traceback = re.sub(r"\x1b\[\d+m", "", str(error))  # which Ray colours
             write_file(run.folder / "traceback.txt", traceback.encode())
             run.update(status="failed", error=reason)
+
         return f"failed: {reason}; see {run.folder / 'traceback.txt'}", "failed"
 
 
@@ -233,15 +254,18 @@ def _train(config: TrainConfig | GeneralistConfig) -> str:
     line.
     """
     run = Run(_folder(config))
+
     with run.locked():
         if run.folder.exists():
             if _state(run.folder) in _DONE:
                 return "another process has trained it"
+
             try:
                 resume.check(Run.open(run.folder), trust=config.trust)
                 return train_locked(run, replace(config, resume=run.folder)).summary
             except resume.CannotResumeError as error:
                 print(f"{error}: the run begins anew", file=sys.stderr)
+
         return train_locked(run, replace(config, overwrite=True)).summary
 
 
@@ -255,6 +279,7 @@ def _start_ray(jobs: int | None) -> int:
         shared = {"PYTHONPATH": str(ROOT)}
         if "IRS_GYM_KEY" in os.environ:
             shared["IRS_GYM_KEY"] = os.environ["IRS_GYM_KEY"]
+
         ray.init(address=address, runtime_env={"env_vars": shared}, **quiet)
     else:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
@@ -265,18 +290,22 @@ def _start_ray(jobs: int | None) -> int:
             object_store_memory=10**8,
             **quiet,
         )
+
     return jobs or int(ray.cluster_resources()["CPU"])
 
 
 def _state(folder: Path) -> str:
     if not folder.exists():
         return "waiting"
+
     manifest = Run.open(folder).manifest
     if manifest.status not in resume.ENDED:
         return "failed" if manifest.status == "failed" else "waiting"
+
     ratio = getattr(
         manifest.models.get("best"), "ratio", None
     )  # a generalist has none: nothing is exact everywhere
+
     return "exact" if ratio is not None and ratio <= 1.0 + TOLERANCE else "ended"
 
 

@@ -32,7 +32,9 @@ class Dagger:
     def __init__(
         self, config: ExplorerConfig, network: nn.Module, rng: np.random.Generator
     ) -> None:
-        self.config, self.network, self._rng = config, network, rng
+        self.config = config
+        self.network = network
+        self._rng = rng
         self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
         self._expedition: RobotBatch | None = None
 
@@ -42,6 +44,7 @@ class Dagger:
         """
         if self._expedition is None:
             self._expedition = RobotBatch(self.config.terms, pool, self._rng)
+
         robots = self._expedition
         margin, goals, settings = robots.known(pool)
         guess = self.network(margin, goals, settings)
@@ -57,6 +60,7 @@ class Dagger:
         gradient_step(self._optimizer, loss, rate, self.config.max_grad_norm)
         steps = int(self._rng.integers(1, 2 * self.config.n_steps))
         self._walk(pool, guess.plan.logits.detach().argmax(dim=1).numpy(), steps)
+
         return steps * self.config.robots, {"detour": detour.item(), "guess_error": error.item()}
 
     def _detour(
@@ -70,6 +74,7 @@ class Dagger:
         to_go = torch.from_numpy(pool.distance_to_go[scenes])
         is_asked = (margin >= 0) & to_go.isfinite() & (to_go > 0)
         mean_detour = (logits.softmax(dim=1) * cells).sum(dim=1)
+
         return mean_detour[is_asked].mean()
 
     def _walk(self, pool: SceneSet, moves: NDArray[np.int64], steps: int) -> None:
@@ -78,7 +83,9 @@ class Dagger:
         """
         robots = self._expedition
         assert robots is not None
-        n, waits = np.arange(self.config.robots), np.zeros(self.config.robots, dtype=bool)
+        n = np.arange(self.config.robots)
+        waits = np.zeros(self.config.robots, dtype=bool)
+
         for _ in range(steps):
             waits |= robots.move(
                 pool, moves[n, robots.cells[:, 0], robots.cells[:, 1]], waits

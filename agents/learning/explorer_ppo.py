@@ -56,7 +56,9 @@ class ExplorerPpo:
     def __init__(
         self, config: ExplorerPpoConfig, network: nn.Module, rng: np.random.Generator
     ) -> None:
-        self.config, self.network, self._rng = config, network, rng
+        self.config = config
+        self.network = network
+        self._rng = rng
         self.critic = WayCritic()
         self._optimizer = torch.optim.Adam(
             [*network.parameters(), *self.critic.parameters()], config.learning_rate
@@ -70,28 +72,36 @@ class ExplorerPpo:
         config = self.config
         if self._expedition is None:
             self._expedition = RobotBatch(config.terms, pool, self._rng)
+
         with torch.no_grad():
             stages = [self._advance(pool, self._expedition) for _ in range(config.n_plans)]
             values_ahead = self._values_here(pool, self._expedition)
+
         advantages, targets = self._estimate(stages, values_ahead)
         took = np.stack([each.took for each in stages])  # (plans, k, n)
         scaled = torch.zeros(took.shape)
         scaled[torch.from_numpy(took)] = normalized(advantages[took])
         rate = linear(config, progress)
+
         for _ in range(config.n_epochs):
             for number in self._rng.permutation(len(stages)).tolist():
                 loss, seen = self._loss(stages[number], scaled[number], targets[number], progress)
                 gradient_step(self._optimizer, loss, rate, config.max_grad_norm)
+
         return int(took.sum()), seen
 
     def _advance(self, pool: SceneSet, robots: RobotBatch) -> Stage:
         """Plan, and take some steps by the plan."""
-        config, known = self.config, robots.known(pool)
+        config = self.config
+        known = robots.known(pool)
         log_probabilities, to_go = self._ask(known)
-        n, shape = np.arange(config.robots), (config.plan_steps, config.robots)
+        n = np.arange(config.robots)
+        shape = (config.plan_steps, config.robots)
         cells, actions = np.zeros((2, *shape), dtype=np.int64)
         octile, old_log_probs, values, rewards, not_done = np.zeros((5, *shape), dtype=np.float32)
-        took, waits = np.zeros(shape, dtype=bool), np.zeros(config.robots, dtype=bool)
+        took = np.zeros(shape, dtype=bool)
+        waits = np.zeros(config.robots, dtype=bool)
+
         for k, uniform in enumerate(self._rng.random(shape, dtype=np.float32)):
             cells[k], octile[k], took[k] = _flat(robots, pool), _octile(robots, pool), ~waits
             here = log_probabilities[n, cells[k]]
@@ -104,6 +114,7 @@ class ExplorerPpo:
             rewards[k] = progress - MOVE_LENGTHS[actions[k]] + GOAL_BONUS * arrival.is_there
             not_done[k] = ~arrival.is_over
             waits = waits | arrival.is_over
+
         return Stage(known, cells, octile, actions, old_log_probs, values, rewards, not_done, took)
 
     def _estimate(self, stages: list[Stage], values_ahead: Floats) -> tuple[Floats, Floats]:
@@ -120,15 +131,19 @@ class ExplorerPpo:
             td_errors, not_done, self.config.gamma * self.config.gae_lambda
         )
         shape = len(stages), self.config.plan_steps, self.config.robots
+
         return found.reshape(shape), (found + values).reshape(shape)
 
     def _loss(
         self, stage: Stage, advantages: Tensor, targets: Floats, progress: float
     ) -> tuple[Tensor, dict[str, float]]:
-        took, n = stage.took, np.broadcast_to(np.arange(self.config.robots), stage.took.shape)
+        took = stage.took
+        n = np.broadcast_to(np.arange(self.config.robots), stage.took.shape)
         all_log_probabilities, to_go = self._ask(stage.known)
-        robots, cells = torch.from_numpy(n[took]), torch.from_numpy(stage.cells[took])
+        robots = torch.from_numpy(n[took])
+        cells = torch.from_numpy(stage.cells[took])
         values = self._value(to_go[robots, cells], stage.octile[took])
+
         return clipped_loss(
             self.config,
             progress,

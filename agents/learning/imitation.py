@@ -34,13 +34,16 @@ class Imitation:
     def __init__(
         self, config: ImitationConfig, network: nn.Module, rng: np.random.Generator
     ) -> None:
-        self.config, self.network, self._rng = config, network, rng
+        self.config = config
+        self.network = network
+        self._rng = rng
         self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
         self._waiting = np.zeros(0, dtype=np.int64)
 
     def update(self, pool: SceneSet, progress: float) -> tuple[int, dict[str, float]]:
         """One batch, counted in scenes; see `agents.learning.map_learner.Teacher`."""
-        scenes, symmetry = self._draw(len(pool)), int(self._rng.choice(SYMMETRIES))
+        scenes = self._draw(len(pool))
+        symmetry = int(self._rng.choice(SYMMETRIES))
         is_optimal = torch.from_numpy(optimal_moves(pool.distance_to_go[scenes], pool.cell_size))
         plan = self.network(turn(maps_of(pool, scenes), symmetry))
         loss = imitation_loss(plan.logits, turn_moves(is_optimal, symmetry))
@@ -49,13 +52,18 @@ class Imitation:
             can_reach = to_go.isfinite()
             error = (plan.to_go[can_reach] - to_go[can_reach].to(plan.to_go)).abs().mean() / 40.0
             loss = loss + self.config.to_go_coef * error
+
         rate = cosine(self.config.learning_rate, progress)
         gradient_step(self._optimizer, loss, rate, self.config.max_grad_norm)
+
         return len(scenes), {"loss": loss.item()}
 
     def _draw(self, scenes: int) -> NDArray[np.int64]:
         batch = min(self.config.batch_scenes, scenes)
         if len(self._waiting) < batch:
             self._waiting = self._rng.permutation(scenes)
-        drawn, self._waiting = self._waiting[:batch], self._waiting[batch:]
+
+        drawn = self._waiting[:batch]
+        self._waiting = self._waiting[batch:]
+
         return drawn

@@ -69,6 +69,7 @@ class MapAgentConfig:
 
         if self.weights is None:
             return build_network(self.network, self.shape)
+
         content = (
             Run.open(self.weights).read_model()
             if self.weights.is_dir()
@@ -79,6 +80,7 @@ class MapAgentConfig:
             raise ValueError(
                 f"weights={str(self.weights)!r} hold {name} {shape}, not {self.network} {self.shape}"
             )
+
         return network
 
 
@@ -145,6 +147,7 @@ class ProximalConfig(MapAgentConfig):
         check_settings(self, "whole", "total_timesteps", "n_epochs")
         check_settings(self, "positive", "final_learning_rate", "clip_range", "max_grad_norm")
         check_settings(self, "share", "gamma", "gae_lambda")
+
         for name in ("ent_coef", "vf_coef"):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise ValueError(f"{name}={getattr(self, name)} must not be negative")

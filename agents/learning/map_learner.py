@@ -43,7 +43,9 @@ class MapLearner:
 
     def __init__(self, config: MapAgentConfig, pool: SceneSet, seed: int) -> None:
         torch.manual_seed(seed)
-        self.config, self.pool, self.num_timesteps = config, pool, 0
+        self.config = config
+        self.pool = pool
+        self.num_timesteps = 0
         self.teacher = config.teacher(config.build_network(), np.random.default_rng(seed))
         self.logger: Logger | None = None
 
@@ -56,6 +58,7 @@ class MapLearner:
         callback.init_callback(self)  # type: ignore[arg-type]  # asks for no more than there is here
         callback.on_training_start({"total_timesteps": end}, {})
         is_going_on = True
+
         while is_going_on and self.num_timesteps < end:
             callback.on_rollout_start()
             self.teacher.network.train()
@@ -63,16 +66,23 @@ class MapLearner:
                 self.pool, min(1.0, self.num_timesteps / self.config.total_timesteps)
             )
             self.num_timesteps += steps
+
             for name, value in seen.items() if self.logger else ():
                 self.logger.record(f"train/{name}", value)
+
             is_going_on = callback.on_step()
+
         callback.on_training_end()
+
         return self
 
     @property
     def policy(self) -> MapPolicy | Explorer:
         """What acts by the network as it is now."""
-        network, name, shape = self.teacher.network, self.config.network, self.config.shape
+        network = self.teacher.network
+        name = self.config.network
+        shape = self.config.shape
+
         return Explorer(shape, network) if name == "explorer" else MapPolicy(name, shape, network)
 
     def set_logger(self, logger: Logger) -> None:

@@ -20,6 +20,7 @@ def gradient_step(
     """
     for group in optimizer.param_groups:
         group["lr"] = learning_rate
+
     optimizer.zero_grad()
     loss.backward()  # type: ignore[no-untyped-call]
     nn.utils.clip_grad_norm_(

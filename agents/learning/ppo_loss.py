@@ -49,10 +49,13 @@ def generalized_advantages(td_errors: Floats, not_done: Floats, decay: float) ->
     decay
         The discount times lambda.
     """
-    found, running = np.zeros_like(td_errors), np.zeros(td_errors.shape[1], dtype=np.float32)
+    found = np.zeros_like(td_errors)
+    running = np.zeros(td_errors.shape[1], dtype=np.float32)
+
     for t in reversed(range(len(td_errors))):
         running = td_errors[t] + decay * not_done[t] * running
         found[t] = running
+
     return found
 
 
@@ -82,7 +85,8 @@ def clipped_loss(
         Logarithms of the probabilities of the actions when they were drawn.
     """
     new_log_probs = log_probabilities.gather(-1, torch.from_numpy(actions)[..., None])[..., 0]
-    ratio, clip = (new_log_probs - old_log_probs).exp(), config.clip_range
+    ratio = (new_log_probs - old_log_probs).exp()
+    clip = config.clip_range
     policy_objective = torch.minimum(
         ratio * advantages, ratio.clamp(1.0 - clip, 1.0 + clip) * advantages
     ).mean()
@@ -94,6 +98,7 @@ def clipped_loss(
         + config.vf_coef * value_loss
         - config.ent_coef * (1.0 - progress) * entropy
     )
+
     return loss, {"loss": loss.item(), "value_error": value_loss.item(), "entropy": entropy.item()}
 
 

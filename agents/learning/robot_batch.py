@@ -59,8 +59,10 @@ class RobotBatch:
 
     def __init__(self, terms: RobotBatchConfig, pool: SceneSet, rng: np.random.Generator) -> None:
         n = terms.robots
-        self.terms, self._rng = terms, rng
-        self.scenes, self.cells = np.zeros(n, dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
+        self.terms = terms
+        self._rng = rng
+        self.scenes = np.zeros(n, dtype=np.int64)
+        self.cells = np.zeros((n, 2), dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
         self.seen = BeliefMap.nothing(n, pool.shape, terms.patch_radius)
         self.begin(pool, np.arange(n))
@@ -75,9 +77,11 @@ class RobotBatch:
         """Send these robots on their way through scenes drawn anew."""
         self.scenes[robots] = self._rng.integers(len(pool), size=len(robots))
         self.cells[robots] = pool.start[self.scenes[robots]]
+
         for robot in robots[self._rng.random(len(robots)) < self.terms.random_start].tolist():
             to_go = pool.distance_to_go[self.scenes[robot]]
             self.cells[robot] = self._rng.choice(np.argwhere(np.isfinite(to_go) & (to_go > 0)))
+
         self.steps[robots] = 0
         self.seen = self.seen.forget(robots)
         self._look(pool)
@@ -99,6 +103,7 @@ class RobotBatch:
         if is_over.any():
             self.cells = places.copy()
             self.begin(pool, np.flatnonzero(is_over))
+
         return FinishedEpisodes(places, is_there, is_over)
 
     def _look(self, pool: SceneSet) -> None:

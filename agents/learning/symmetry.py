@@ -16,6 +16,7 @@ def turn(maps: Tensor, symmetry: int) -> Tensor:
     """Maps ``(..., X, Y)`` under a symmetry: ``(..., X, Y)``, or ``(..., Y, X)`` from 4 on."""
     if symmetry & 4:
         maps = maps.transpose(-2, -1)
+
     axes = [axis for axis, bit in ((-2, 1), (-1, 2)) if symmetry & bit]
     return maps.flip(axes) if axes else maps.contiguous()
 

@@ -57,7 +57,9 @@ class WholeMapPpo:
     def __init__(
         self, config: WholeMapPpoConfig, network: nn.Module, rng: np.random.Generator
     ) -> None:
-        self.config, self.network, self._rng = config, network, rng
+        self.config = config
+        self.network = network
+        self._rng = rng
         self.critic = WayCritic()
         self._optimizer = torch.optim.Adam(
             [*network.parameters(), *self.critic.parameters()], config.learning_rate
@@ -69,13 +71,18 @@ class WholeMapPpo:
         """
         config = self.config
         scenes = self._rng.choice(len(pool), min(config.scenes, len(pool)), replace=False)
-        maps, rules = maps_of(pool, scenes), transition_tables_of(pool, scenes)
+        maps = maps_of(pool, scenes)
+        rules = transition_tables_of(pool, scenes)
+
         with torch.no_grad():
             log_probabilities, values = self._ask(maps, rules)
+
         starts = self._draw_starts(pool, scenes)
         rollout = self._roll_out(rules, starts, log_probabilities.exp().numpy(), values.numpy())
         old_log_probs = log_probabilities[rollout.cell, rollout.action]
-        advantages, rate = normalized(rollout.advantages), linear(config, progress)
+        advantages = normalized(rollout.advantages)
+        rate = linear(config, progress)
+
         for _ in range(config.n_epochs):
             log_probabilities, values = self._ask(maps, rules)
             there = log_probabilities[rollout.cell], values[rollout.cell]
@@ -90,6 +97,7 @@ class WholeMapPpo:
                 rollout.returns,
             )
             gradient_step(self._optimizer, loss, rate, config.max_grad_norm)
+
         return rollout.cell.size, seen
 
     def _ask(self, maps: Tensor, rules: TransitionTables) -> tuple[Tensor, Tensor]:
@@ -106,14 +114,17 @@ class WholeMapPpo:
         """A start for each step of each robot, ``(T + 1, N)``: the environment's random start,
         should it be needed.
         """
-        config, cells = self.config, pool.shape[0] * pool.shape[1]
+        config = self.config
+        cells = pool.shape[0] * pool.shape[1]
         draws = []
+
         for n, scene in enumerate(scenes):
             can_start = np.isfinite(pool.distance_to_go[scene]) & (pool.distance_to_go[scene] > 0)
             draws.append(
                 n * cells
                 + self._rng.choice(np.flatnonzero(can_start), (config.n_steps + 1, config.robots))
             )
+
         return np.concatenate(draws, axis=1)
 
     def _roll_out(
@@ -127,16 +138,19 @@ class WholeMapPpo:
         rewards, not_done = np.empty((2, *cells.shape), dtype=np.float32)
         ahead = np.empty_like(cells)
         here = starts[0]
+
         for t, uniform in enumerate(self._rng.random(cells.shape, dtype=np.float32)):
             cells[t] = here
             action = sample_actions(probabilities[here], uniform)
             actions[t], rewards[t] = action, rules.reward[here, action]
             ahead[t], is_over = rules.ahead[here, action], rules.is_over[here, action]
             not_done[t], here = ~is_over, np.where(is_over, starts[t + 1], ahead[t])
+
         td_errors = rewards + self.config.gamma * not_done * values[ahead] - values[cells]
         advantages = generalized_advantages(
             td_errors, not_done, self.config.gamma * self.config.gae_lambda
         )
+
         return Rollout(cells, actions, advantages, advantages + values[cells])
 
 
@@ -158,4 +172,5 @@ def transition_tables_of(pool: SceneSet, scenes: NDArray[np.int64]) -> Transitio
     goals = np.arange(len(scenes)) * columns * rows + pool.goal[scenes] @ [rows, 1]
     is_over = is_legal & np.isin(ahead, goals)
     reward = octile[:, None] - octile[ahead] - MOVE_LENGTHS + GOAL_BONUS * is_over
+
     return TransitionTables(ahead, reward.astype(np.float32), is_over, octile)

@@ -41,18 +41,22 @@ class ExplorerNetwork(nn.Module):
 
     def __init__(self, width: int = 8) -> None:
         super().__init__()
-        twice, four = 2 * width, 4 * width
+        twice = 2 * width
+        four = 4 * width
         self.stem = nn.Sequential(conv_block(9, width), conv_block(width, width))
         self.down_2 = nn.Sequential(conv_block(width, twice, stride=2), conv_block(twice, twice))
         self.down_4 = nn.Sequential(conv_block(twice, twice, stride=2), conv_block(twice, twice))
         self.down_8 = nn.Sequential(conv_block(twice, four, stride=2), conv_block(four, four))
-        self.up_4, self.up_2 = conv_block(four + twice, twice), conv_block(2 * twice, twice)
+        self.up_4 = conv_block(four + twice, twice)
+        self.up_2 = conv_block(2 * twice, twice)
         self.up_1 = conv_block(twice + width, width)
         self.read_out = nn.Conv2d(width, 2, 1)
+
         with torch.no_grad():
             self.read_out.bias.copy_(
                 torch.tensor([-2.0, 1.0])
             )  # begins near optimism: most cells are feasible
+
         self.log_beta = nn.Parameter(torch.tensor(1.0))
 
     def forward(self, margin: Tensor, goals: Tensor, settings: Tensor) -> Guess:
@@ -75,7 +79,8 @@ class ExplorerNetwork(nn.Module):
             .scatter_(1, goals[:, None], True)
             .view_as(is_known)
         )
-        is_feasible, is_blocked = is_known & (margin >= 0), is_known & (margin < 0)
+        is_feasible = is_known & (margin >= 0)
+        is_blocked = is_known & (margin < 0)
         planes = torch.stack(
             [
                 is_known,
@@ -95,6 +100,7 @@ class ExplorerNetwork(nn.Module):
         ]
         extra = softplus(answer[:, 0]).clamp(max=_MOST_EXTRA)
         cost = torch.where(is_known, 1.0, 1.0 + extra).masked_fill(is_blocked, BLOCKED)
+
         return Guess(plan(costs_of_moves(cost), is_goal, self.log_beta.exp()), answer[:, 1])
 
     def _guess(self, planes: Tensor) -> Tensor:
@@ -104,6 +110,7 @@ class ExplorerNetwork(nn.Module):
         quarter = self.up_4(torch.cat([quarter, double_conv(self.down_8(quarter))], dim=1))
         half = self.up_2(torch.cat([half, double_conv(quarter)], dim=1))
         answer: Tensor = self.read_out(self.up_1(torch.cat([whole, double_conv(half)], dim=1)))
+
         return answer
 
 
@@ -114,6 +121,7 @@ def costs_of_moves(cost: Tensor) -> Tensor:
     columns, rows = cost.shape[1:]
     padded = pad(cost, (1, 1, 1, 1), value=BLOCKED)
     each = zip(MOVES.tolist(), MOVE_LENGTHS.tolist(), strict=True)
+
     return torch.stack(
         [
             length * padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj]

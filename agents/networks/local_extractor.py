@@ -33,4 +33,5 @@ class LocalExtractor(BaseFeaturesExtractor):
         direction = to_goal / to_goal.norm(dim=1, keepdim=True).clamp(min=1.0)
         scaled = [(to_goal / scale).clamp(-1.0, 1.0) for scale in SCALES]
         is_feasible = (observations[:, : self.cells] >= 0).to(observations)
+
         return torch.cat([observations, is_feasible, direction, *scaled], dim=1)

@@ -20,11 +20,14 @@ class MapExtractor(BaseFeaturesExtractor):
     def __init__(self, observation_space: spaces.Box, features_dim: int = FEATURES) -> None:
         super().__init__(observation_space, features_dim)
         layers: list[nn.Module] = []
+
         for channels, width in ((observation_space.shape[0], 16), (16, 32), (32, 32)):
             layers += [nn.Conv2d(channels, width, 3, stride=2, padding=1), nn.ReLU()]
+
         self.convolutions = nn.Sequential(*layers, nn.Flatten())
         with torch.no_grad():
             size = self.convolutions(torch.zeros(1, *observation_space.shape)).shape[1]
+
         self.linear = nn.Sequential(nn.Linear(size, features_dim), nn.ReLU())
 
     def forward(self, observations: Any) -> Tensor:

@@ -62,12 +62,14 @@ def maps_of(pool: SceneSet, scenes: NDArray[np.int64]) -> Tensor:
     maps[:, 0] = np.clip(margin_db / MARGIN_SCALE_DB, -1.0, 1.0)
     maps[:, 1] = np.isneginf(margin_db)
     maps[np.arange(len(scenes)), 2, pool.goal[scenes, 0], pool.goal[scenes, 1]] = 1.0
+
     return torch.from_numpy(maps)
 
 
 def plan_scene_set(network: nn.Module, pool: SceneSet, batch: int = 32) -> NDArray[np.float32]:
     """Logits of a network for all cells of all scenes of a pool: ``(S, 8, X, Y)``."""
     network.eval()
+
     with torch.inference_mode():
         scenes = np.array_split(np.arange(len(pool)), -(-len(pool) // batch))
         return np.concatenate([network(maps_of(pool, each)).logits.numpy() for each in scenes])
@@ -90,6 +92,7 @@ def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
 def _outline(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
     """A network that has shapes but no numbers, and so takes no memory."""
     _check_sizes(settings)
+
     with torch.device("meta"):
         return _class(name)(**settings)
 
@@ -106,6 +109,7 @@ def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Mod
     header = np.array(json.dumps({"network": name, "settings": dict(settings)}))
     weights = {f"weight:{key}": each.numpy() for key, each in network.state_dict().items()}
     np.savez_compressed(content, header=header, **weights)
+
     return content.getvalue()
 
 
@@ -124,6 +128,7 @@ def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Modu
         network.load_state_dict(weights)
     except (ValueError, KeyError, TypeError, RecursionError, RuntimeError) as error:
         raise NetworkFileError(f"the file does not hold a network over maps: {error}") from None
+
     network.eval()
     return header["network"], header["settings"], network
 
@@ -132,6 +137,7 @@ def _check_sizes(settings: Any) -> None:
     """Refuse settings of which a network would grow without end."""
     if not isinstance(settings, Mapping):
         raise ValueError(f"settings={settings!r} must be an object")
+
     for name, value in settings.items():
         is_size = (
             isinstance(value, int)
@@ -151,6 +157,7 @@ def _check_fit(network: nn.Module, weights: Mapping[str, Tensor]) -> None:
     wrong = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
     if wrong:
         raise ValueError(f"its weights are not those of such a network: {', '.join(wrong[:3])}")
+
     infinite = [
         name
         for name, each in weights.items()

@@ -50,6 +50,7 @@ class PlanningNetwork(nn.Module):
         super().__init__()
         if encoding not in get_args(Encoding):
             raise ValueError(f"encoding={encoding!r} must be one of {get_args(Encoding)}")
+
         self.encoding = encoding
         planes = 2 if encoding == "mask" else 2 + len(MARGIN_SCALES_DB)
         self.log_costs = nn.Sequential(
@@ -74,13 +75,16 @@ class PlanningNetwork(nn.Module):
         """Planes that the costs are learned from, in [0, 1], and 0 where blocked as off the map:
         ``(B, C, X, Y)``.
         """
-        margin, goal = maps[:, 0], maps[:, 2]
+        margin = maps[:, 0]
+        goal = maps[:, 2]
         if self.encoding == "mask":
             return torch.stack([(margin >= 0).to(maps), goal], dim=1)
+
         planes = [
             (margin * (MARGIN_SCALE_DB / scale)).clamp(-1.0, 1.0) * 0.5 + 0.5
             for scale in MARGIN_SCALES_DB
         ]
+
         return torch.stack([*planes, 1.0 - maps[:, 1], goal], dim=1)
 
 
@@ -91,6 +95,7 @@ def plan(
     to_go: Tensor = _CostToGo.apply(costs, is_goal, rounds)  # type: ignore[no-untyped-call]
     ahead = costs + torch.stack(_neighbours(pad(to_go, (1, 1, 1, 1), value=UNREACHED)), dim=1)
     worse = (ahead - ahead.amin(dim=1, keepdim=True)).clamp(max=FARTHEST)
+
     return MapPlan(-beta * worse, to_go)
 
 
@@ -107,48 +112,59 @@ class _CostToGo(torch.autograd.Function):
     ) -> Tensor:
         by_move = costs.transpose(0, 1).contiguous()
         padded = pad(torch.where(is_goal, 0.0, UNREACHED).to(costs), (1, 1, 1, 1), value=UNREACHED)
-        to_go, neighbours = padded[:, 1:-1, 1:-1], _neighbours(padded)
+        to_go = padded[:, 1:-1, 1:-1]
+        neighbours = _neighbours(padded)
         most = is_goal[0].numel() if rounds is None else rounds  # a best path visits no cell twice
+
         for done in range(1, most + 1):
             before = to_go.clone() if done % _ROUNDS_PER_CHECK == 0 else None
             # In place, so that it goes as far as a round on a copy would, or farther.
             for cost, neighbour in zip(by_move, neighbours, strict=True):
                 torch.minimum(to_go, cost + neighbour, out=to_go)
+
             if before is not None and torch.equal(before, to_go):
                 break
+
         if ctx.needs_input_grad[0]:
             best = torch.stack(
                 [cost + each for cost, each in zip(by_move, neighbours, strict=True)]
             ).argmin(dim=0)
             ctx.save_for_backward(best, is_goal | (to_go >= UNREACHED))
+
         return to_go.clone()
 
     @staticmethod
     def backward(ctx: FunctionCtx | Any, gradient: Tensor) -> tuple[Tensor, None, None]:  # type: ignore[override]
         best, is_end = ctx.saved_tensors
-        cells, columns = best.numel(), best.shape[-1]
+        cells = best.numel()
+        columns = best.shape[-1]
         steps = torch.as_tensor(MOVES[:, 0] * columns + MOVES[:, 1])
         ahead = torch.where(is_end, cells, torch.arange(cells).view_as(best) + steps[best])
         ahead = torch.cat([ahead.flatten(), torch.tensor([cells])])  # paths end in an extra cell
         through = torch.cat([gradient.flatten(), gradient.new_zeros(1)])
+
         # In round k each cell hands all that it has gathered to the cell 2**k moves ahead.
         for _ in range(cells.bit_length()):
             if bool((ahead == cells).all()):
                 break
+
             through = through.index_add(0, ahead, through)
             through[cells] = 0.0
             ahead = ahead[ahead]
+
         weight = through[:cells].view_as(best).masked_fill(is_end, 0.0)
         batch, *shape = best.shape
         costs = gradient.new_zeros(batch, len(MOVES), *shape).scatter_(
             1, best[:, None], weight[:, None]
         )
+
         return costs, None, None
 
 
 def _neighbours(padded: Tensor) -> list[Tensor]:
     """Views of maps ``(B, X + 2, Y + 2)``: for each move, the values where it leads, ``(B, X, Y)``."""
-    columns, rows = padded.shape[1] - 2, padded.shape[2] - 2
+    columns = padded.shape[1] - 2
+    rows = padded.shape[2] - 2
     return [
         padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES.tolist()
     ]

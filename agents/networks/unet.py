@@ -31,7 +31,8 @@ class UNet(nn.Module):
 
     def __init__(self, width: int = 16, passes: int = 6) -> None:
         super().__init__()
-        self.passes, wide = passes, 2 * width
+        self.passes = passes
+        wide = 2 * width
         self.stem = nn.Sequential(conv_block(4, width), conv_block(width, width))
         self.enter = conv_block(width, wide, stride=2)
         self.begin = conv_block(2 * wide, wide)
@@ -55,11 +56,14 @@ class UNet(nn.Module):
         fine = self.stem(pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR)))
         seen = self.enter(fine)
         state = torch.zeros_like(seen)
+
         for _ in range(max(self.passes, self.passes * max(columns, rows) // 40)):
             state = state + self._pass(torch.cat([state, seen], dim=1))
+
         answer = self.read_out(self.leave(torch.cat([double_conv(state), fine], dim=1)))[
             ..., :columns, :rows
         ]
+
         return MapPlan(answer[:, :-1], _UNIT * answer[:, -1])
 
     def _pass(self, seen: Tensor) -> Tensor:
@@ -67,6 +71,7 @@ class UNet(nn.Module):
         quarter = self.down[0](half)
         eighth = self.deep(self.down[1](quarter))
         quarter = self.up[0](torch.cat([quarter, double_conv(eighth)], dim=1))
+
         return self.finish(self.up[1](torch.cat([half, double_conv(quarter)], dim=1)))
 
 

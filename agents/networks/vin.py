@@ -41,9 +41,11 @@ class ValueIterationNetwork(nn.Module):
         mask = (maps[:, :1] >= 0).to(maps)
         reward = self.reward(torch.cat([mask, maps], dim=1))
         values = torch.zeros_like(reward)
+
         for _ in range(max(self.rounds, self.rounds * max(maps.shape[-2:]) // 40)):
             qualities = conv2d(torch.cat([reward, values], dim=1), self.transition, padding=1)
             values = qualities.amax(dim=1, keepdim=True)
+
         return MapPlan(self.read_out(qualities), -values[:, 0])
 
 
@@ -55,7 +57,9 @@ def _moves(actions: int) -> Tensor:
     """
     transition = torch.randn(actions, 2, 3, 3) * 0.01
     transition[:, 0, 1, 1] += 1.0
+
     for action in range(actions):
         di, dj = MOVES[action % len(MOVES)].tolist()
         transition[action, 1, 1 + di, 1 + dj] += _DISCOUNT
+
     return transition

@@ -80,11 +80,10 @@ def parts_of(observation: Any) -> tuple[Floats, Floats]:
     """
     observation = unmasked(observation)
     if isinstance(observation, Mapping):
-        patches, settings = (
-            np.asarray(observation["gain_patch"]),
-            np.asarray(observation["irs"])[..., :3],
-        )
+        patches = np.asarray(observation["gain_patch"])
+        settings = np.asarray(observation["irs"])[..., :3]
         return patches.reshape(-1, *patches.shape[-2:]), settings.reshape(-1, 3)
+
     flat = np.asarray(observation)
     side = isqrt(max(0, flat.shape[-1] - 7))
     if side**2 != flat.shape[-1] - 7 or side % 2 == 0:
@@ -93,7 +92,9 @@ def parts_of(observation: Any) -> tuple[Floats, Floats]:
             "position are needed, as IrsNavRandom-v0 has them with observation='flat', and IrsNav-v0 with "
             "irs_phases=False"
         )
+
     rows = flat.reshape(-1, flat.shape[-1])
+
     return rows[:, : side**2].reshape(-1, side, side), rows[:, side**2 : side**2 + 3]
 
 

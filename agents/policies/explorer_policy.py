@@ -62,18 +62,22 @@ class Explorer:
         """
         robots, goals = decode(observation, self.shape)
         patches, settings = parts_of(observation)
-        at, to = robots.ravel(), goals.ravel()
+        at = robots.ravel()
+        to = goals.ravel()
         old = self._blank(len(at), patches.shape[-1] // 2) if state is None else state
         if episode_start is not None and np.any(episode_start):
             old = ExplorerState(
                 old.seen.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves
             )
+
         seen = old.seen.look(np.stack(np.divmod(at, self.shape[1]), axis=-1), patches)
         is_new = np.isnan(old.seen.maps).sum(axis=(1, 2)) != np.isnan(seen.maps).sum(axis=(1, 2))
         changed = np.flatnonzero(is_new | (to != old.goals))
         moves = old.moves.copy()
+
         for part in np.array_split(changed, -(-len(changed) // _BATCH)) if len(changed) else ():
             moves[part] = self._plan(seen.maps[part], to[part], settings[part])
+
         return moves[np.arange(len(at)), at].astype(np.int64).reshape(robots.shape), ExplorerState(
             seen, to, moves
         )
@@ -109,8 +113,11 @@ def likeliest(logits: Tensor) -> Tensor:
 
     As `torch.argmax`, which takes a quarter of the time of a plan, with strides as long as a map.
     """
-    greatest, move = logits[:, 0].clone(), torch.zeros_like(logits[:, 0], dtype=torch.uint8)
+    greatest = logits[:, 0].clone()
+    move = torch.zeros_like(logits[:, 0], dtype=torch.uint8)
+
     for number in range(1, logits.shape[1]):
         move.masked_fill_(logits[:, number] > greatest, number)
         torch.maximum(greatest, logits[:, number], out=greatest)
+
     return move

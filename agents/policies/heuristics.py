@@ -63,6 +63,7 @@ class CellPolicy:
         weight = choices * (
             1.0 - self.rng.random(choices.shape)
         )  # draws in (0, 1]: each choice has some weight
+
         return weight.argmax(axis=-1).reshape(robots.shape), state
 
     def _choices_for(self, world: World, goal: int) -> Bools:
@@ -70,8 +71,10 @@ class CellPolicy:
         if (world, goal) not in self._choices:
             if len(self._choices) >= _KEPT:
                 self._choices.clear()
+
             i, j = divmod(goal, world.radio_map.grid.shape[1])
             self._choices[world, goal] = self.rule(world, (i, j)).reshape(-1, 8)
+
         return self._choices[world, goal]
 
 
@@ -153,9 +156,11 @@ def _cheapest(world: World, to_go: Floats) -> Bools:
 
 
 def _greatest_gain(world: World, goal: Cell) -> Bools:
-    is_feasible, octile = legal_moves(world.feasible), _octile(world, goal)
+    is_feasible = legal_moves(world.feasible)
+    octile = _octile(world, goal)
     is_nearer = is_feasible & (ahead(octile) < octile[..., None] - 1e-9)
     is_open = np.where(is_nearer.any(axis=-1, keepdims=True), is_nearer, is_feasible)
+
     return _only(ahead(world.radio_map.gain_db), is_open)
 
 

@@ -34,7 +34,9 @@ class MapPolicy:
     def __init__(
         self, name: NetworkName, settings: dict[str, Any], network: nn.Module, seed: int = 0
     ) -> None:
-        self.name, self.settings, self.network = name, settings, network.eval()
+        self.name = name
+        self.settings = settings
+        self.network = network.eval()
         self._rng = np.random.default_rng(seed)
         self._known: OrderedDict[bytes, NDArray[np.float32]] = OrderedDict()
 
@@ -59,6 +61,7 @@ class MapPolicy:
             logits = logits + self._rng.gumbel(
                 size=logits.shape
             )  # the greatest is then a draw from the softmax
+
         return logits.argmax(axis=1).reshape(seen.shape[:-3]), state
 
     def save(self, file: IO[bytes]) -> None:
@@ -72,10 +75,14 @@ class MapPolicy:
         if new:
             with torch.inference_mode():
                 logits = self.network(torch.from_numpy(maps[list(new.values())])).logits.numpy()
+
             self._known.update(zip(new, logits, strict=True))
+
         for key in keys:
             self._known.move_to_end(key)
+
         found = [self._known[key] for key in keys]
         while len(self._known) > 1 and len(self._known) * found[0].nbytes > _REMEMBERED:
             self._known.popitem(last=False)
+
         return found

@@ -13,4 +13,5 @@ def read_network(content: bytes) -> Any:
     from agents.policies.map_policy import MapPolicy
 
     name, settings, network = unpack_network(content)
+
     return Explorer(settings, network) if name == "explorer" else MapPolicy(name, settings, network)

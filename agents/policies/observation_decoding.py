@@ -36,10 +36,12 @@ def decode(observation: Any, shape: tuple[int, int]) -> tuple[Ints, Ints]:
         raise ValueError(
             "observation='cell' tells no goal: this policy needs 'dict', 'flat', 'masked' or 'map'"
         )
+
     if not isinstance(observation, Mapping) and observation.shape[-3:] == (4, *shape):
         ends = observation[..., 2:, :, :]
         flat = ends.reshape(*ends.shape[:-2], -1).argmax(axis=-1)
         return flat[..., 0], flat[..., 1]
+
     position = (
         observation["position"] if isinstance(observation, Mapping) else observation[..., -4:]
     )
@@ -47,6 +49,7 @@ def decode(observation: Any, shape: tuple[int, int]) -> tuple[Ints, Ints]:
     robot = np.rint((position[..., :2] + 1.0) / 2.0 * shape - 0.5).astype(np.int64)
     goal = robot + np.rint(position[..., 2:] * shape).astype(np.int64)
     step = np.array([shape[1], 1])
+
     return robot @ step, goal @ step
 
 
@@ -72,6 +75,7 @@ def seen_feasible(observation: Any, radius: int | None) -> Bools:
     else:
         side = 2 * radius + 1
         margin = observation[..., : side**2].reshape(*observation.shape[:-1], side, side)
+
     return np.asarray(margin >= 0.0)
 
 

@@ -62,9 +62,11 @@ class Replanner:
                 None if begins else old
                 for old, begins in zip(olds, np.ravel(episode_start), strict=True)
             ]
+
         each = zip(olds, robots.ravel().tolist(), goals.ravel().tolist(), views, strict=True)
         memories = tuple(self._look(old, robot, goal, view) for old, robot, goal, view in each)
         actions = [memory.moves[memory.last] for memory in memories]
+
         return np.array(actions).reshape(robots.shape), memories
 
     def _look(
@@ -79,12 +81,15 @@ class Replanner:
             columns, seen_columns = _overlap(i, self.radius, self.shape[0])
             rows, seen_rows = _overlap(j, self.radius, self.shape[1])
             is_open[columns, rows] &= view[seen_columns, seen_rows]
+
         if (
             self.radius == 0 and old is not None and old.last == robot
         ):  # it did not see that its move would be refused
             is_open[tuple(np.add((i, j), MOVES[old.moves[robot]]))] = False
+
         if old is not None and old.goal == goal and (is_open == old.is_open).all():
             return replace(old, last=robot)
+
         return ReplannerState(is_open, goal, self._plan(is_open, goal), robot)
 
     def _plan(self, is_open: Bools, goal: int) -> Ints:
@@ -92,10 +97,12 @@ class Replanner:
         i, j = divmod(goal, self.shape[1])
         to_go = distance_to_go(is_open, (i, j), 1.0)
         length = np.where(legal_moves(is_open), MOVE_LENGTHS + ahead(to_go), np.inf)
+
         return np.asarray(length.argmin(axis=-1).ravel())
 
 
 def _overlap(at: int, radius: int, size: int) -> tuple[slice, slice]:
     """Along one axis, the cells of a map that a patch shows, and where it shows them."""
-    first, end = max(at - radius, 0), min(at + radius + 1, size)
+    first = max(at - radius, 0)
+    end = min(at + radius + 1, size)
     return slice(first, end), slice(first - at + radius, end - at + radius)

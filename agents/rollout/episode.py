@@ -96,16 +96,26 @@ def roll_out(
     """
     is_masked = takes_masks(policy)
     observation, start = env.reset(seed=seed, options=options)
-    info, steps, total_reward, state, is_over, has_missed = start, 0, 0.0, None, False, False
+    info = start
+    steps = 0
+    total_reward = 0.0
+    state = None
+    is_over = False
+    has_missed = False
+
     while not is_over:
         is_first = np.array([steps == 0])
         mask = {"action_masks": info["action_mask"]} if is_masked else {}
         action, state = policy.predict(observation, state, is_first, deterministic, **mask)
         observation, reward, is_terminated, is_truncated, info = env.step(int(action))
-        steps, total_reward = steps + 1, total_reward + float(reward)
-        is_over, has_missed = is_terminated or is_truncated, has_missed or info["cost"] > 0
+        steps = steps + 1
+        total_reward = total_reward + float(reward)
+        is_over = is_terminated or is_truncated
+        has_missed = has_missed or info["cost"] > 0
+
     robot: Any = env.unwrapped
     path = np.asarray(robot.path)
+
     return EpisodeResult(
         is_success=info["is_success"],
         distance=info["distance"],

@@ -76,8 +76,10 @@ def play_scene_set(
     max_steps = most_steps(pool) if max_steps is None else max_steps
     if isinstance(policy, MapPolicy):
         return follow(plan_scene_set(policy.network, pool), pool, max_steps)
+
     if isinstance(policy, Explorer):
         policy = replace(policy, shape=pool.shape)
+
     return roll_out_scene_set(policy, pool, observation, max_steps)
 
 
@@ -95,12 +97,14 @@ def roll_out_scene_set(
 ) -> SceneSetResults:
     """Episodes of any policy step by step, one in each scene of a pool; see `play_scene_set`."""
     ground = build_many_scenes(build_worlds(RandomTask(scenes=pool, observation=observation)))
-    scenes, packing = np.arange(len(pool)), ground.packing
-    states, travelled = (
-        ground.states_of(scenes, pool.start, pool.goal),
-        np.zeros(len(pool), dtype=np.complex128),
-    )
-    memory, is_over, first = None, np.zeros(len(pool), dtype=bool), np.ones(len(pool), dtype=bool)
+    scenes = np.arange(len(pool))
+    packing = ground.packing
+    states = ground.states_of(scenes, pool.start, pool.goal)
+    travelled = np.zeros(len(pool), dtype=np.complex128)
+    memory = None
+    is_over = np.zeros(len(pool), dtype=bool)
+    first = np.ones(len(pool), dtype=bool)
+
     for _ in range(max_steps):
         # Those who have arrived are asked no more, unless the policy's memory has a place for each.
         asked = scenes if memory is not None else np.flatnonzero(~is_over)
@@ -118,6 +122,7 @@ def roll_out_scene_set(
         is_over[asked[moving]] = outcome.is_terminated
         if is_over.all():
             break
+
     return SceneSetResults(is_over, travelled.real, pool.oracle_distance)
 
 
@@ -137,14 +142,18 @@ def follow(
     """
     ahead, kind = _successors(logits.argmax(axis=1), pool.feasible)
     columns = pool.shape[1]
-    scenes, cells = np.arange(len(pool)), pool.start @ [columns, 1]
+    scenes = np.arange(len(pool))
+    cells = pool.start @ [columns, 1]
     goals = pool.goal @ [columns, 1]
     steps = np.zeros((len(pool), 3), dtype=np.int64)  # refused, straight, diagonal
+
     for _ in range(most_steps(pool) if max_steps is None else max_steps):
         scenes = scenes[cells[scenes] != goals[scenes]]
         steps[scenes, kind[scenes, cells[scenes]]] += 1
         cells[scenes] = ahead[scenes, cells[scenes]]
+
     distance = (steps[:, 1] + steps[:, 2] * np.sqrt(2.0)) * pool.cell_size
+
     return SceneSetResults(cells == goals, distance, pool.oracle_distance)
 
 
@@ -162,6 +171,7 @@ def _successors(
     padded = np.pad(feasible, ((0, 0), (1, 1), (1, 1)))
     is_legal = padded[np.arange(scenes)[:, None], i + di + 1, j + dj + 1]
     here = np.arange(columns * rows)
+
     return np.where(is_legal, here + di * rows + dj, here), np.where(
         is_legal, np.abs(di) + np.abs(dj), 0
     )

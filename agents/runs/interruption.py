@@ -54,6 +54,7 @@ def leave(status: int) -> NoReturn:
     """End the process; one that was interrupted does not wait for its threads."""
     if status > 128:
         os._exit(status)
+
     sys.exit(status)
 
 
@@ -65,6 +66,7 @@ def noticed(notice: Callable[[int], None]) -> Iterator[None]:
         for each in ALL:
             if signal.getsignal(each) is told:
                 signal.signal(each, _raise)
+
         notice(number)
 
     with _handled(told, ALL):
@@ -84,6 +86,7 @@ def _handled(handler: Callable[[int, Any], None], signals: Sequence[int]) -> Ite
         if each == signal.SIGINT or signal.getsignal(each) is not signal.SIG_IGN
     ]
     before = {each: signal.signal(each, handler) for each in chosen}
+
     try:
         yield
     finally:

@@ -106,6 +106,7 @@ class Models(Record):
         path = folder / "manifest.json"
         if not path.exists():
             return cls()
+
         try:
             return cls.model_validate_json(path.read_bytes())
         except ValidationError as error:
@@ -120,15 +121,18 @@ class Models(Record):
         for entry in self.generalists:
             if entry.config.algorithm == algorithm:
                 return entry
+
         known = ", ".join(each.config.algorithm for each in self.generalists) or "none"
         raise PretrainedError(f"no pretrained {algorithm!r} for many scenes; there are {known}")
 
     def find(self, algorithm: str, task: Task) -> PretrainedEntry:
         """The model of an algorithm for a task's problem; the `PretrainedError` for none lists all."""
         wanted = problem_of(task)
+
         for entry in self.models:
             if entry.config.algorithm == algorithm and entry.problem == wanted:
                 return entry
+
         known = "".join(
             f"\n  {each.config.algorithm}: {each.problem.label}" for each in self.models
         )
@@ -222,14 +226,17 @@ def load_pretrained(
     models = Models.read(Path(folder))
     if algorithm in GENERALISTS:
         return _load_generalist(models.find_generalist(algorithm), Path(folder), env)
+
     entry = models.find(algorithm, task_of(env))
     fixed = {each.name for each in fields(Problem)} | {"random_start"}
+
     for name in sorted(set(env) - fixed):
         trained = getattr(entry.task, name)
         if env[name] != trained:
             raise PretrainedError(
                 f"{entry.file} was trained with {name}={trained!r}, not {env[name]!r}"
             )
+
     return Pretrained(entry, _load(entry, entry.task, Path(folder)))
 
 
@@ -241,8 +248,10 @@ def write_models(
 ) -> None:
     """Write files by their names, then a manifest that lists all entries."""
     folder.mkdir(parents=True, exist_ok=True)
+
     for name, content in contents.items():
         write_file(folder / name, content)
+
     manifest = Models(models=tuple(entries), generalists=tuple(generalists))
     write_file(folder / "manifest.json", (manifest.model_dump_json(indent=1) + "\n").encode())
 
@@ -255,6 +264,7 @@ def _read(entry: PretrainedEntry | GeneralistPretrainedEntry, folder: Path) -> b
         raise PretrainedError(
             f"{str(path)!r} is not loaded: its SHA-256 is {digest}, in the manifest {entry.sha256}"
         )
+
     return content
 
 
@@ -278,11 +288,14 @@ def _load_generalist(
         raise PretrainedError(
             f"{entry.file} was trained with observation={kind}, not {env['observation']!r}"
         )
+
     policy = _load(entry, None, folder)
     if isinstance(policy, Explorer) and task.scenes is None:
         policy = replace(policy, shape=split_of(task.split).frame)
+
     own = {
         "observation": observation_of(entry.config.algorithm),
         **({} if "scenes" in env else {"split": "test"}),
     }
+
     return PretrainedGeneralist(entry, policy, {**own, **env})

@@ -49,8 +49,10 @@ class Problem:
         parts = [f"{self.target_db} dB", self._phases]
         if self.scene not in (None, "paper"):
             parts.append(f"scene {self.scene}")
+
         if self.irs_elements not in ((), PAPER_ELEMENTS):
             parts.append(f"M = {' + '.join(map(str, self.irs_elements))}")
+
         usual = {
             "cell_size": 0.5,
             "quantiser": "nearest",
@@ -62,9 +64,11 @@ class Problem:
                 name == "cell_size" and self.radio_map
             ):
                 parts.append(f"{name.replace('_', ' ')} {getattr(self, name)}")
+
         parts += [
             f"{name} {getattr(self, name)}" for name in ("start", "goal") if getattr(self, name)
         ]
+
         return ", ".join(parts)
 
     @property
@@ -100,7 +104,10 @@ def problem_of(task: Task) -> Problem:
     ValueError
         Where one is damaged, or the elements do not fit the panels.
     """
-    task, radio_map, scene, elements = resolved(task), None, None, ()
+    task = resolved(task)
+    radio_map = None
+    scene = None
+    elements = ()
     if isinstance(given := task.radio_map, RadioMap):
         cells = repr((given.grid.origin, given.grid.cell_size, given.gain_db.shape)).encode()
         # a map with free cells that receive nothing is another one; all others keep the digest they
@@ -113,7 +120,9 @@ def problem_of(task: Task) -> Problem:
         elements = tuple(
             panel.elements for panel in own.with_irs_elements(task.irs_elements).irs_panels
         )
+
     has_irs = bool(elements)
+
     return Problem(
         target_db=task.target_db,
         scene=scene,

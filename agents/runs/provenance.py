@@ -16,11 +16,13 @@ def versions() -> dict[str, str]:
     installed.
     """
     found = {"python": platform.python_version(), "irs_gym": irs_gym.__version__}
+
     for package in PACKAGES:
         try:
             found[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             continue
+
     return found
 
 
@@ -30,6 +32,7 @@ def commit() -> str | None:
     """
     if not (ROOT / ".git").exists():
         return None
+
     try:
         return _git("rev-parse", "HEAD") + ("+changes" if _git("status", "--porcelain") else "")
     except (OSError, subprocess.SubprocessError):

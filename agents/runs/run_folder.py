@@ -77,8 +77,10 @@ class Run:
             Where the folder holds a run that is not to be replaced, or anything that is not a run.
         """
         run = cls(Path(folder))
+
         with run.locked():
             run.begin(config, overwrite=overwrite)
+
         return run
 
     def begin(self, config: Config, *, overwrite: bool = False) -> None:
@@ -110,7 +112,9 @@ class Run:
         run = cls(Path(folder))
         if not (run.folder / "manifest.json").is_file():
             raise RunError(f"{str(folder)!r} is not a run folder: it has no manifest.json")
+
         _ = run.manifest, run.is_generalist or run.task
+
         return run
 
     def check_vacant(self, *, overwrite: bool) -> None:
@@ -119,7 +123,9 @@ class Run:
             raise RunError(
                 f"{str(self.folder)!r} is a symbolic link: name the folder that it leads to"
             )
-        target, here = self.folder.absolute(), Path.cwd()
+
+        target = self.folder.absolute()
+        here = Path.cwd()
         if target.exists() and any(target.samefile(each) for each in (here, *here.parents)):
             raise RunError(
                 f"{str(self.folder)!r} holds the folder that this program runs in: name another folder"
@@ -150,12 +156,14 @@ class Run:
         anyone's code.
         """
         manifest = self.manifest
+
         try:
             if signature.verify(manifest.content, manifest.signature):
                 return manifest
             why = f"its manifest is not signed with the key {str(signature.key_file())!r}"
         except signature.NoKeyError as error:
             why = f"there is no key to tell by: {error}"
+
         raise RunError(
             f"{str(self.folder)!r} is not known to be made by you on this machine ({why}), and to resume it runs code "
             "that is stored in its checkpoint, with all your rights: add --trust if you trust whoever made it"
@@ -179,6 +187,7 @@ class Run:
             raise RunError(
                 f"{str(self.folder)!r} is a run of {self.config.algorithm}, which learned on many scenes"
             )
+
         arguments = dict(self.config.env)
         for name, copy in COPIES.items():
             if arguments.get(name) == copy:
@@ -189,6 +198,7 @@ class Run:
                 raise RunError(
                     f"{where!r}: {name}={arguments[name]!r} is not in the folder: a run has a copy, {copy}"
                 )
+
         try:
             return task_of(arguments)
         except (TypeError, ValueError) as error:
@@ -227,6 +237,7 @@ class Run:
         finally:
             with suppress(OSError):  # Windows removes it by itself
                 path.unlink()
+
             lock.release()
 
     def update(self, **changes: Any) -> None:
@@ -238,6 +249,7 @@ class Run:
         manifest = old.model_copy(update=changes)
         self._write("manifest.json", _signed(manifest) if _is_own(old) else manifest)
         named = {entry.file for entry in (*manifest.models.values(), *manifest.checkpoints)}
+
         for path in self.folder.iterdir():
             if re.fullmatch(r"\w+-\d+\.(zip|npz|pickle)", path.name) and path.name not in named:
                 path.unlink(missing_ok=True)
@@ -264,7 +276,9 @@ class Run:
             Where the manifest lists no such model, or its file is missing, another, or does not fit
             the configuration.
         """
-        content, config = self.read_model(name), self.config
+        content = self.read_model(name)
+        config = self.config
+
         try:
             return weights.load(config, None if self.is_generalist else self.task, content)
         except weights.WeightsError as error:
@@ -276,6 +290,7 @@ class Run:
         entry = self.manifest.models.get(name)
         if entry is None:
             raise RunError(f"the manifest of {str(self.folder)!r} lists no {name!r} model")
+
         return self.read(entry)
 
     def save_checkpoint(self, content: bytes, steps: int) -> None:
@@ -293,6 +308,7 @@ class Run:
         """Go back to where a checkpoint was written, with the models that there were then."""
         for entry, content in models.values():
             write_file(self.folder / entry.file, content)
+
         self.remove_drafts()
         older = [each for each in self.manifest.checkpoints if each.steps <= checkpoint.steps]
         entries = {name: entry for name, (entry, _) in models.items()}
@@ -326,12 +342,14 @@ class Run:
         wanted = digest or self.manifest.files.get(name)
         if wanted is None:
             raise RunError(f"{path!r} is not read: the manifest holds no SHA-256 of it; train anew")
+
         content = self._content(name)
         found = sha256(content).hexdigest()
         if found != wanted:
             raise RunError(
                 f"{path!r} is not loaded: its SHA-256 is {found}, and {wanted} in the manifest"
             )
+
         return content
 
     def _content(self, name: str) -> bytes:
@@ -392,10 +410,12 @@ def _put_in_place(draft: Path, target: Path, aside: Path) -> None:
     try:
         if target.exists():
             target.rename(aside)
+
         draft.rename(target)
     except BaseException:
         if aside.exists() and not target.exists():
             aside.rename(target)
+
         raise
 
 
@@ -404,6 +424,7 @@ def _remove_leftovers(target: Path) -> None:
     which is locked.
     """
     pattern = re.compile(rf"\.{re.escape(target.name)}\.\d+(\.old)?")
+
     for path in target.parent.iterdir():
         if pattern.fullmatch(path.name) and path.is_symlink():
             path.unlink()
@@ -414,12 +435,15 @@ def _remove_leftovers(target: Path) -> None:
 def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Arguments of an environment with the user's own scene or map copied into the folder."""
     arguments = dict(env)
-    scene, radio_map = arguments.get("scene"), arguments.get("radio_map")
+    scene = arguments.get("scene")
+    radio_map = arguments.get("radio_map")
     if scene not in (None, *scene_names()):
         as_scene(scene).save(folder / COPIES["scene"])
         arguments["scene"] = COPIES["scene"]
+
     if radio_map is not None:
         copy = radio_map if isinstance(radio_map, RadioMap) else RadioMap.load(radio_map)
         copy.save(folder / COPIES["radio_map"])
         arguments["radio_map"] = COPIES["radio_map"]
+
     return arguments

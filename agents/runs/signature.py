@@ -37,6 +37,7 @@ def key_file() -> Path:
     given = os.environ.get("IRS_GYM_KEY")
     if given:
         return Path(given)
+
     try:
         if sys.platform == "win32":
             folder = Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming")
@@ -46,6 +47,7 @@ def key_file() -> Path:
             folder = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
     except RuntimeError as error:
         raise NoKeyError(str(error)) from None
+
     return folder / "irs_gym" / "key"
 
 
@@ -54,6 +56,7 @@ def _key() -> bytes:
     try:
         if not path.exists():
             _make(path)
+
         found = path.stat()
         if not stat.S_ISREG(found.st_mode) or found.st_size != _BYTES:
             raise NoKeyError(
@@ -63,6 +66,7 @@ def _key() -> bytes:
             raise NoKeyError(
                 f"{str(path)!r} must belong to this user, and nobody else may read it: chmod 600"
             )
+
         return path.read_bytes()
     except OSError as error:
         raise NoKeyError(f"{str(path)!r}: {error.strerror}") from None
@@ -77,11 +81,13 @@ def _make(path: Path) -> None:
     descriptor = os.open(
         draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600
     )
+
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(secrets.token_bytes(_BYTES))
             file.flush()
             os.fsync(file.fileno())
+
         os.link(draft, path)
     except FileExistsError:
         pass

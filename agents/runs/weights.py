@@ -51,10 +51,12 @@ def pack(config: Config, model: Any) -> bytes:
     if config.algorithm not in STABLE_BASELINES:
         model.save(content)
         return content.getvalue()
+
     weights = {
         name: each.numpy() for name, each in model.policy.state_dict().items() if _acts(name)
     }
     np.savez_compressed(content, **weights)
+
     return content.getvalue()
 
 
@@ -78,6 +80,7 @@ def load(config: Config, task: Task | None, content: bytes) -> Any:
     """
     if config.algorithm in STABLE_BASELINES:
         return _rebuild(config, _space_of(config, task), _read(content))
+
     shape = None if task is None else build_world(task).feasible.shape
     try:
         return (
@@ -100,8 +103,10 @@ def _space_of(config: Config, task: Task | None) -> spaces.Space[Any]:
     """What the policy sees."""
     if task is not None:
         return evaluation_env(task).observation_space
+
     seen = observation_of(config.algorithm)  # type: ignore[arg-type]  # a generalist's
     frame = split_of(str(config.env.get("split"))).frame
+
     return Packing(seen, 2 * Task.patch_radius + 1, _IRS_OF_MANY_SCENES, frame).space
 
 
@@ -115,6 +120,7 @@ def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDA
         raise WeightsError(
             f"its settings are wrong: {error.errors(include_url=False)[0]['msg']}"
         ) from None
+
     if _least(agent, space) > sum(
         each.size for each in weights.values()
     ):  # before networks are made that fill memory
@@ -126,16 +132,19 @@ def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDA
         name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)
     }
     found = {name: _kind(each) for name, each in weights.items()}
+
     for name in sorted({*wanted, *found}):
         if found.get(name) != wanted.get(name):
             raise WeightsError(
                 f"it does not fit its configuration: {name} is {found.get(name, 'missing')}, "
                 f"not {wanted.get(name, 'asked for')}"
             )
+
     policy.load_state_dict(
         {name: torch.from_numpy(each) for name, each in weights.items()}, strict=False
     )
     policy.set_training_mode(False)
+
     return policy
 
 

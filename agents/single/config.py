@@ -24,6 +24,7 @@ _KINDS: dict[Kind, tuple[Callable[[Any], bool], str]] = {
 def check_settings(settings: Any, kind: Kind, *names: str) -> None:
     """Raise a ``ValueError`` that names the first of these fields whose value is not of the kind."""
     is_right, wanted = _KINDS[kind]
+
     for name in names:
         if not is_right(getattr(settings, name)):
             raise ValueError(f"{name}={getattr(settings, name)} must be {wanted}")
@@ -92,6 +93,7 @@ class NetworkConfig(AgentConfig):
         elsewhere = ("total_timesteps", "n_envs", *self.policy_settings, *self.env_settings)
         own = {name: value for name, value in asdict(self).items() if name not in elsewhere}
         rates = own.pop("learning_rate"), own.pop("final_learning_rate")
+
         return model_class(self.algorithm)(
             self.policy_name(env.observation_space),
             env,

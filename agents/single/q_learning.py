@@ -77,10 +77,14 @@ class QLearning:
         seed: int | None = None,
     ) -> None:
         """Hold a table for a grid of that shape; without ``env``, for predictions only."""
-        self.table, self.shape, self.config = table, shape, config or QLearningConfig()
+        self.table = table
+        self.shape = shape
+        self.config = config or QLearningConfig()
         self.num_timesteps = 0
         self.logger: Logger | None = None
-        self._env, self._seed, self._rng = env, seed, np.random.default_rng(seed)
+        self._env = env
+        self._seed = seed
+        self._rng = np.random.default_rng(seed)
         self._cells: NDArray[np.int64] | None = None  # that the robots are in
 
     @classmethod
@@ -98,6 +102,7 @@ class QLearning:
         ):
             held = {name: (each.dtype.name, each.shape) for name, each in arrays.items()}
             raise ValueError(f"it holds {held}, not one table of float64 of shape {wanted}")
+
         return cls(table, shape)
 
     def predict(
@@ -121,15 +126,19 @@ class QLearning:
             self.num_timesteps = 0
             env.seed(self._seed)
             self._cells = self._decode(env.reset())
+
         end = self.num_timesteps + total_timesteps
         callback.init_callback(self)  # type: ignore[arg-type]  # asks for no more than there is here
         callback.on_training_start({"total_timesteps": end}, {})
         is_going_on = True
+
         while is_going_on and self.num_timesteps < end:
             callback.on_rollout_start()
             self._step(env, self._cells)
             is_going_on = callback.on_step()
+
         callback.on_training_end()
+
         return self
 
     @property
@@ -165,8 +174,10 @@ class QLearning:
         self.num_timesteps += env.num_envs
         self._cells = self._decode(observation)
         ahead = self._cells.copy()
+
         for i in np.flatnonzero(done):
             ahead[i] = self._decode(infos[i]["terminal_observation"])
+
         is_over = done & [not info["TimeLimit.truncated"] for info in infos]
         returns = reward + self.config.gamma * np.where(is_over, 0.0, self.table[ahead].max(axis=1))
         self.table[cells, actions] += self.learning_rate * (returns - self.table[cells, actions])

@@ -61,7 +61,9 @@ def prepare(contenders: BenchmarkEnvs) -> tuple[dict[str, Steps], dict[str, str]
     """The contenders whose package is installed, ready to run; and the packages of those left out,
     by name.
     """
-    ready, left_out = {}, {}
+    ready = {}
+    left_out = {}
+
     for name, (package, make) in contenders.items():
         try:
             with warnings.catch_warnings():
@@ -70,6 +72,7 @@ def prepare(contenders: BenchmarkEnvs) -> tuple[dict[str, Steps], dict[str, str]
                 ready[name] = make()
         except ModuleNotFoundError as error:
             left_out[name] = error.name or package
+
     return ready, left_out
 
 
@@ -90,6 +93,7 @@ def single(env_id: str, **arguments: Any) -> Steps:
             _, _, terminated, truncated, _ = env.step(action)
             if terminated or truncated:
                 env.reset()
+
         return calls
 
     return steps
@@ -106,6 +110,7 @@ def batch(env_id: str, num_envs: int, **arguments: Any) -> Steps:
     def steps(calls: int) -> int:
         for action in islice(actions, calls):
             env.step(action)
+
         return calls * num_envs
 
     return steps
@@ -127,6 +132,7 @@ def bare_take(num_envs: int) -> Steps:
     def steps(calls: int) -> int:
         for state in islice(states, calls):
             np.take(table, state, axis=0, out=buffer, mode="clip")
+
         return calls * num_envs
 
     return steps
@@ -148,6 +154,7 @@ def envpool_batch(env_id: str, num_envs: int) -> Steps:
     def steps(calls: int) -> int:
         for action in islice(actions, calls):
             env.step(action)
+
         return calls * num_envs
 
     return steps

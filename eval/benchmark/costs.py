@@ -50,6 +50,7 @@ def resets(repeats: int) -> list[EventCost]:
     env.reset(options={"goal": goal})
     many: Any = gymnasium.make_vec(ID, num_envs=1024, random_start=True)
     many.reset(seed=0)
+
     return [
         _reset("the scene's start and goal", repeats, env.reset),
         _reset("a new start", repeats, lambda: env.reset(options={"start": next(cells)})),
@@ -70,15 +71,21 @@ def resets(repeats: int) -> list[EventCost]:
 def frames(repeats: int) -> list[EventCost]:
     """Pictures of 512 px: the first of an episode, and those after it."""
     env = gymnasium.make(ID, render_mode="rgb_array")
-    cells, firsts, laters = _cells(env), [], []
+    cells = _cells(env)
+    firsts = []
+    laters = []
+
     for _ in range(max(1, repeats // FRAMES)):
         _, info = env.reset(seed=0, options={"start": next(cells)})
         firsts.append(_seconds(env.render))
-        is_over, count = False, 0
+        is_over = False
+        count = 0
+
         while not is_over and count < FRAMES:
             _, _, is_over, _, info = env.step(env.action_space.sample(mask=info["action_mask"]))
             laters.append(_seconds(env.render))
             count += 1
+
     return [
         EventCost("first frame of an episode", Spread.of(firsts)),
         EventCost("each frame after it", Spread.of(laters)),
@@ -98,6 +105,7 @@ def imports(repeats: int) -> list[EventCost]:
 def _reset(what: str, repeats: int, reset: Callable[[], Any]) -> EventCost:
     with mock.patch.object(shortest_path, "dijkstra", wraps=shortest_path.dijkstra) as runs:
         seconds = [_seconds(reset) for _ in range(repeats)]
+
     return EventCost(what, Spread.of(seconds), runs.call_count / repeats)
 
 

@@ -17,6 +17,7 @@ def navix_batch(num_envs: int) -> Steps:
 
     env = navix.make("Navix-Empty-16x16-v0")
     first = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.PRNGKey(0), num_envs))
+
     return _scanned(jax.vmap(env.step), first, len(env.action_set), num_envs)
 
 
@@ -27,6 +28,7 @@ def jumanji_batch(num_envs: int) -> Steps:
 
     env = VmapAutoResetWrapper(jumanji.make("Maze-v0"))
     first, _ = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(0), num_envs))
+
     return _scanned(lambda state, action: env.step(state, action)[0], first, 4, num_envs)
 
 
@@ -40,15 +42,19 @@ def _scanned(step: Callable[[Any, Any], Any], first: Any, actions: int, num_envs
             lambda carry, action: (step(carry, action), jnp.zeros(())), state, chosen
         )[0]
 
-    state, key = first, jax.random.PRNGKey(1)
+    state = first
+    key = jax.random.PRNGKey(1)
 
     def steps(calls: int) -> int:
         nonlocal state, key
         strides = -(-calls // STRIDE)
+
         for _ in range(strides):
             key, own = jax.random.split(key)
             state = stride(state, own)
+
         jax.block_until_ready(state)
+
         return strides * STRIDE * num_envs
 
     return steps

@@ -48,10 +48,13 @@ class Rows:
     def for_terminal(self) -> Table:
         """The table for `rich`."""
         table = Table(title=self.title, caption=self.note or None)
+
         for n, head in enumerate(self.heads):
             table.add_column(head, justify="right" if n else "left")
+
         for row in self.cells:
             table.add_row(*row)
+
         return table
 
     def for_page(self) -> str:
@@ -65,8 +68,10 @@ def markdown(results: dict[str, Any]) -> str:
     """The page."""
     bars, *others = tables(results)
     page = INTRODUCTION.format(**results["settings"], machine=_machine(results)) + bars.for_page()
+
     for each in others:
         page += f"\n## {each.title}\n\n{each.for_page()}"
+
     return page + NOTES.format(**results)
 
 
@@ -79,6 +84,7 @@ def tables(results: dict[str, Any]) -> list[Rows]:
     ]
     races = [_race_rows(title, each) for title, each in results["races"].items()]
     costs = [_cost_rows(kind, each) for kind, each in results["costs"].items()]
+
     return [Rows("Bars", ("", "needed", "measured", "verdict"), bars), *races, *costs]
 
 
@@ -97,16 +103,19 @@ def _race_rows(title: str, found: dict[str, Any]) -> Rows:
         f"{name} (no package {package})" for name, package in found["left_out"].items()
     )
     note = f"Left out: {left_out}." if left_out else ""
+
     return Rows(title.capitalize(), ("", "steps/s", f"{ours} is faster by"), cells, note)
 
 
 def _cost_rows(kind: str, found: list[dict[str, Any]]) -> Rows:
     counts_runs = any(each["dijkstra_runs"] is not None for each in found)
     cells = []
+
     for each in found:
         time = Spread(**each["seconds"])
         row = (each["what"], f"{_time(time.median)} ({_time(time.low)} to {_time(time.high)})")
         cells.append((*row, f"{each['dijkstra_runs']:g}") if counts_runs else row)
+
     return Rows(kind.capitalize(), ("", "time", "Dijkstra runs")[: 2 + counts_runs], cells)
 
 
@@ -124,6 +133,7 @@ def _rate(rate: float) -> str:
     for factor, prefix in ((1e6, " M"), (1e3, " k")):
         if rate >= factor:
             return f"{rate / factor:#.3g}".rstrip(".") + prefix
+
     return f"{rate:.3g}"
 
 
@@ -132,6 +142,7 @@ def _time(seconds: float) -> str:
     for factor, unit in ((1.0, "s"), (1e-3, "ms")):
         if seconds >= factor:
             return f"{seconds / factor:#.3g}".rstrip(".") + f" {unit}"
+
     return f"{seconds / 1e-6:.3g} µs"
 
 

@@ -53,8 +53,10 @@ def time_in_turns(contenders: dict[str, Steps], rounds: int, seconds: float) -> 
     """
     if rounds < 1 or seconds <= 0:
         raise ValueError(f"rounds={rounds} and seconds={seconds} must be positive")
+
     calls = {name: _enough_calls(steps, seconds) for name, steps in contenders.items()}
     rates: dict[str, list[float]] = {name: [] for name in contenders}
+
     for _ in range(rounds):
         for name, steps in contenders.items():
             steps(
@@ -62,12 +64,14 @@ def time_in_turns(contenders: dict[str, Steps], rounds: int, seconds: float) -> 
             )  # caches warm up, and threads of the one before come to rest
             transitions, elapsed = _timed(steps, calls[name])
             rates[name].append(transitions / elapsed)
+
     return Rates(rates)
 
 
 def _enough_calls(steps: Steps, seconds: float) -> int:
     """How many calls take about that long, found by doubling; it warms the contender up as well."""
     calls = 1
+
     while True:
         _, elapsed = _timed(steps, calls)
         if elapsed >= seconds / 2:

@@ -74,6 +74,7 @@ def main(
             raise ValueError(
                 f"{str(folder)!r} holds runs on {len(problems)} problems: ablations are of one"
             )
+
         board, pictures = build(
             results, left_out, episodes=1, seed=0
         )  # of the references, which the page leaves out
@@ -84,15 +85,20 @@ def main(
         curves = {
             name: picture for name, picture in pictures.items() if name.endswith("-curves.png")
         }
+
         for name, picture in curves.items():
             write_file(out / FIGURES / name, picture)
+
         write_file(out / "ablations.md", markdown(board, list(curves), found).encode())
     except (OSError, ValueError) as error:
         print(f"python -m eval ablations: {error}", file=sys.stderr)
         return 2
+
     for each in left_out:
         print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
+
     print(f"{len(results)} runs, {len(left_out)} left out; written: {out / 'ablations.md'}")
+
     return 0
 
 
@@ -111,6 +117,7 @@ def markdown(
         usual=text(standings[0]["name"]),
         commands=commands,
     )
+
     return page(
         introduction,
         seed_scores_table(standings),
@@ -132,6 +139,7 @@ def _worth(standings: Sequence[Mapping[str, Any]]) -> str:
     """Each variant's median steps to the optimum in terms of the default's, which stands first."""
     default = standings[0]["estimates"]["steps_to_optimum"]["value"]
     rows = []
+
     for each in standings:
         found = each["estimates"]
         steps = found["steps_to_optimum"]["value"] if found else None
@@ -143,6 +151,7 @@ def _worth(standings: Sequence[Mapping[str, Any]]) -> str:
         rows.append(
             (text(each["name"]), times, count_of(each, "at_optimum") if found else "0 of 0")
         )
+
     return table(("variant", "times the default's steps", "seeds at the optimum"), rows)
 
 

@@ -59,6 +59,7 @@ def main(
     except (OSError, ValueError) as error:
         print(f"python -m eval animate: {error}", file=sys.stderr)
         return 2
+
     print(f"{summary}; written: {path}")
     return 0
 
@@ -77,6 +78,7 @@ def film(found: LoadedPolicy) -> tuple[list[NDArray[np.uint8]], str]:
     summary = (
         f"{ended} after {episode.distance:.3f} m, the oracle needs {episode.oracle_distance:.3f} m"
     )
+
     return camera.render(), summary
 
 
@@ -97,4 +99,5 @@ def as_gif(frames: Sequence[NDArray[np.uint8]], fps: int) -> bytes:
         duration=[round(1000 / fps)] * (len(pictures) - 1) + [LAST_MS],
         loop=0,
     )
+
     return content.getvalue()

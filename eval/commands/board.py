@@ -67,26 +67,32 @@ def main(
         The command that trained the runs, to stand on the page.
     """
     out = out or folder
+
     try:
         if episodes < 1:
             raise ValueError(f"episodes={episodes} must be 1 or more")
+
         results, left_out = read_results(
             track(find_runs(folder), "reading runs", transient=True), model
         )
         if not results:
             reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
             raise ValueError(f"no complete run lies below {str(folder)!r}{reasons}")
+
         board, pictures = build(results, left_out, episodes, seed)
         board["commands"] = commands_of("board", trained_by)
         write(board, pictures, folder, out)
     except (OSError, ValueError) as error:
         print(f"python -m eval board: {error}", file=sys.stderr)
         return 2
+
     for each in left_out:
         print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
+
     print(
         f"{len(results)} runs, {len(left_out)} left out; written: {folder / 'report.html'}, {out / 'scoreboard.md'}"
     )
+
     return 0
 
 
@@ -123,7 +129,9 @@ def build(
         group: sorted((each for each in results if each.group == group), key=lambda each: each.seed)
         for group in groups
     }
-    problems, pictures = [], {}
+    problems = []
+    pictures = {}
+
     for problem in sorted(
         {group.problem for group in groups if by_group[group]}, key=lambda each: each.order
     ):
@@ -138,6 +146,7 @@ def build(
         drawn = _draw(problem, first["oracle"], named)
         pictures |= drawn
         problems.append(_problem_record(problem, first["oracle"], standings, list(drawn)))
+
     record = {
         "format_version": 1,
         "confidence": statistics.CONFIDENCE,
@@ -152,14 +161,17 @@ def build(
         "left_out": [_left_out_record(each, names) for each in left_out],
         **origins([each.run for each in results]),
     }
+
     return record, pictures
 
 
 def write(board: dict[str, Any], pictures: dict[str, bytes], folder: Path, out: Path) -> None:
     """Write the report into the folder of the runs, all else into ``out``."""
     (out / FIGURES).mkdir(parents=True, exist_ok=True)
+
     for name, content in pictures.items():
         write_file(out / FIGURES / name, content)
+
     write_file(out / "board.json", (json.dumps(board, indent=1, allow_nan=False) + "\n").encode())
     write_file(out / "scoreboard.md", markdown(board, FIGURES).encode())
     write_file(folder / "report.html", html(board, pictures).encode())
@@ -173,6 +185,7 @@ def _draw(
     world = evaluation_env(next(iter(worst.values())).run.task).unwrapped.world  # type: ignore[attr-defined]
     paths = {f"{name}, seed {each.seed}": each.episode for name, each in worst.items()}
     curves = {name: [each.curve for each in results] for name, results in found.items()}
+
     return {
         f"{problem.slug}-curves.png": draw_curves(curves),
         f"{problem.slug}-paths.png": draw_path_overlay(
@@ -188,6 +201,7 @@ def _overall(
     for group, found in by_group.items():
         if found:
             by_name.setdefault(names[group], []).append(found)
+
     return [overall(name, found, problems) for name, found in by_name.items()]
 
 
@@ -205,7 +219,8 @@ def _problem_record(
 
 
 def _run_record(result: Result, name: str) -> dict[str, Any]:
-    episode, curve = result.episode, result.curve
+    episode = result.episode
+    curve = result.curve
     return {
         "folder": printable(str(result.run.folder)),
         "problem": result.problem.label,

@@ -80,9 +80,11 @@ def main(
                 f"num_scenes={num_scenes}, local_large_scenes={local_large_scenes} and jobs={jobs}"
             )
             raise ValueError(f"{given} must be 1 or more")
+
         runs, left_out = find_generalists(folder)
         if not runs:
             raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
+
         torch.set_num_threads(1)  # of PyTorch in a run: more wait for each other
         pools = {
             track: page_scene_sets(track, num_scenes, min(num_scenes, local_large_scenes))
@@ -95,6 +97,7 @@ def main(
             raise ValueError(
                 f"no run over many scenes below {str(folder)!r} can be played{reasons}"
             )
+
         entrants += [
             result_of_reference(name, pools["local"], folder / "references")
             for name in PAGE_REFERENCES
@@ -106,18 +109,23 @@ def main(
             "gallery.png": gallery(entrants, pools),
         }
         (out / FIGURES).mkdir(parents=True, exist_ok=True)
+
         for name, content in figures.items():
             write_file(out / FIGURES / name, content)
+
         text = json.dumps(record, indent=1, allow_nan=False) + "\n"
         write_file(out / "generalisation.json", text.encode())
         write_file(out / "generalisation.md", markdown(record, FIGURES).encode())
     except (OSError, ValueError) as error:
         print(f"python -m eval generalisation: {error}", file=sys.stderr)
         return 2
+
     for each in left_out:
         print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
+
     played = sum(len(each.runs) for each in entrants)
     print(f"{played} runs, {len(left_out)} left out; written: {out / 'generalisation.md'}")
+
     return 0
 
 
@@ -126,9 +134,11 @@ def page_scene_sets(track: Track, num_scenes: int, local_large_scenes: int) -> d
     sizes = dict.fromkeys(SETS, num_scenes)
     if track == "local":
         sizes[LARGE] = local_large_scenes
+
     found = {name: build_scene_set(name, size) for name, size in sizes.items()}
     if track == "map":
         found[LARGEST] = largest_scene_set(min(LARGEST_SCENES, num_scenes))
+
     return {**found, "paper": paper_scene_set()}
 
 
@@ -171,20 +181,25 @@ def gallery(
     """
     sceneries = []
     shown = [next((each for each in entrants if each.algorithm == name), None) for name in GALLERY]
+
     for each in shown:
         if each is None:
             continue
-        pool, run = pools[each.track]["test"], each.runs[0]
+
+        pool = pools[each.track]["test"]
+        run = each.runs[0]
         policy = run.load_model()
         env = gymnasium.make(
             "irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation_of(each.algorithm)
         )
+
         for n in choose(each.episodes["test"][0].spl, detours(pool)):
             episode = roll_out(policy, env, options={"scene_id": n})
             inner: Any = env.unwrapped
             sceneries.append(
                 Scenery(each.name, pool.names[n], inner.world, episode, inner.oracle.cells)
             )
+
     return draw_gallery(sceneries)
 
 
@@ -222,9 +237,11 @@ def _results(
     spl = entrant.table(name, lambda each: each.spl)
     ratio = entrant.table(name, lambda each: each.distance / each.oracle_distance)
     found: dict[str, Any] = {}
+
     for label, chosen in (("all", np.ones(len(pool), dtype=bool)), ("hard", detours(pool) > HARD)):
         if not chosen.any():
             continue
+
         won = chosen & (success > 0)  # (seeds, scenes)
         ratios = [
             float(row[each].mean()) for row, each in zip(ratio, won, strict=True) if each.any()
@@ -242,6 +259,7 @@ def _results(
             found[label]["over_replanning"] = estimate_as_json(
                 paired_difference((spl - theirs)[:, chosen])
             )
+
     return found
 
 
@@ -272,6 +290,7 @@ def _pace(entrant: PolicyResult) -> dict[str, float | None]:
     """
     if not entrant.runs:
         return {"steps_per_second": None, "seconds": None}
+
     steps, seconds = np.array([pace(run) for run in entrant.runs]).T
     return {
         "steps_per_second": float(np.median(steps / seconds)),

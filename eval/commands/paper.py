@@ -31,7 +31,8 @@ from irs_gym import load_scene
 from irs_gym.files import write_file
 
 PARTS = (map_claims, path_claims, threshold_claims, distance_claims, element_claims, model_claims)
-OWN_SCENE, OWN_TARGET_DB = "workshop", -63.0
+OWN_SCENE = "workshop"
+OWN_TARGET_DB = -63.0
 
 
 def main(
@@ -78,10 +79,12 @@ def check(study: Study, cost: bool, draws: int) -> None:
         )
     if draws < 2 * monte_carlo.BATCH:
         raise ValueError(f"draws={draws} must be {2 * monte_carlo.BATCH} or more")
+
     packages = ("shapely", "networkx", "skimage") if cost else ("shapely",)
     missing = [name for name in packages if find_spec(name) is None]
     if missing:
         raise ValueError(f'{", ".join(missing)} not installed: pip install -e ".[train,test]"')
+
     _ = study.start, study.goal  # cells of the grid
 
 
@@ -105,12 +108,14 @@ def write(study: Study, out: Path, cost: bool, draws: int, seed: int) -> int:
         draw_optimal_gain,
     ):
         draw(study, figures)
+
     draw_evidence(evidence, figures)
     draw_own_scene(own, OWN_TARGET_DB, figures)
     grid = draw_cost_of_grid(study, figures)
 
     if cost:
         write_file(out / "cost.json", (json.dumps(scaling.measure_all(), indent=2) + "\n").encode())
+
     measured = scaling.read_costs(out / "cost.json") if (out / "cost.json").is_file() else None
     text = page(
         sections.INTRODUCTION,
@@ -127,6 +132,7 @@ def write(study: Study, out: Path, cost: bool, draws: int, seed: int) -> int:
     )
     write_file(out / "paper.md", text.encode())
     print(f"written: {out / 'paper.md'} and {figures}")
+
     return report(claims, beyond.cost_promises(measured[1]) if measured else [])
 
 
@@ -134,10 +140,13 @@ def report(claims: list[Claim], promises: list[Promise]) -> int:
     """Print the verdicts; 1 where something promised is not met, else 0."""
     for claim in claims:
         print(f"{claim.verdict:>18}  {claim.text}: {' / '.join(claim.ours)}")
+
     for promise in promises:
         print(f"{'met' if promise.is_met else 'NOT MET':>18}  {promise.text}: {promise.value}")
+
     broken = [each for each in claims if each.is_promised and not each.is_met]
     failed = len(broken) + sum(not promise.is_met for promise in promises)
     if failed:
         print(f"{failed} of the claims that are said to be met are not", file=sys.stderr)
+
     return int(failed > 0)

@@ -73,6 +73,7 @@ def main(
     except (OSError, ValueError) as error:
         print(f"python -m eval play: {error}", file=sys.stderr)
         return 2
+
     env.close()
     return 0
 
@@ -95,7 +96,9 @@ def play_by_keyboard(
         pygame.key.key_code(name): action for action, names in NAMES.items() for name in names
     }
     pygame.key.set_repeat(300, 100)
-    is_over, info = False, start
+    is_over = False
+    info = start
+
     while True:
         _show(start, info)
         event = pygame.event.wait()
@@ -105,9 +108,11 @@ def play_by_keyboard(
             return
         if event.type != pygame.KEYDOWN:
             continue
+
         if event.key == pygame.K_r:
             _, start = env.reset()
-            is_over, info = False, start
+            is_over = False
+            info = start
         elif event.key in actions and not is_over:
             _, _, terminated, truncated, info = env.step(actions[event.key])
             is_over = terminated or truncated

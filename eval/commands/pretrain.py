@@ -76,18 +76,23 @@ def main(
             raise ValueError(
                 f"no complete run of {' or '.join(algorithms)} below {str(folder)!r} reached the goal"
             )
+
         entries = keep(chosen, out)
         generalists = keep_generalists(runs, out)
     except (OSError, ValueError) as error:
         print(f"python -m eval pretrain: {error}", file=sys.stderr)
         return 2
+
     for each in left_out:
         print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
+
     if entries:
         Console().print(_table(entries, out))
+
     for each in generalists:
         place = f"the best of {each.chosen_among}: success {each.success:.3f}, SPL {each.spl:.4f}"
         print(f"{out / each.file}: seed {each.config.seed}, {place}")
+
     return 0
 
 
@@ -101,8 +106,10 @@ def choose(results: Sequence[Result]) -> list[tuple[Result, int]]:
         Where one was trained on a scene or map of the user's own, which ``models/`` does not hold.
     """
     pairs: dict[tuple[Problem, str], list[Result]] = {}
+
     for each in results:
         pairs.setdefault((each.problem, each.config.algorithm), []).append(each)
+
     best = [(min(found, key=lambda each: each.rank), len(found)) for found in pairs.values()]
     best = [(each, count) for each, count in best if each.episode.is_success]
     own = [str(each.run.folder) for each, _ in best if each.problem.scene not in scene_names()]
@@ -110,6 +117,7 @@ def choose(results: Sequence[Result]) -> list[tuple[Result, int]]:
         raise ValueError(
             f"{own[0]!r} was trained on a scene or map of its own, which models/ does not hold"
         )
+
     return sorted(best, key=lambda pair: (pair[0].config.algorithm, pair[0].problem.order))
 
 
@@ -124,9 +132,12 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntr
     ValueError
         Where a model that was written does not do what the run's did.
     """
-    entries, contents = [], {}
+    entries = []
+    contents = {}
+
     for result, count in chosen:
-        manifest, content = result.run.manifest, result.run.read_model()
+        manifest = result.run.manifest
+        content = result.run.read_model()
         entry = PretrainedEntry(
             file=f"{result.config.algorithm}-{result.problem.slug}.npz",
             sha256=manifest.models["best"].sha256,
@@ -139,10 +150,12 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntr
         )
         entries.append(entry)
         contents[entry.file] = content
+
     replaced = set(contents)
     others = [each for each in Models.read(out).models if each.file not in replaced]
     both = sorted([*others, *entries], key=lambda each: (each.config.algorithm, each.problem.order))
     write_models(out, both, contents, Models.read(out).generalists)
+
     for entry in entries:
         found = load_pretrained(
             entry.config.algorithm, folder=out, **arguments_of(entry.task)
@@ -151,6 +164,7 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntr
             raise ValueError(
                 f"{entry.file} does not do what its run did: {PretrainedScore.of(found)} is not {entry.score}"
             )
+
     return entries
 
 
@@ -166,13 +180,18 @@ def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistPretraine
         Where a model is damaged or does not fit its configuration.
     """
     by_algorithm: dict[str, list[Run]] = {}
+
     for run in runs:
         by_algorithm.setdefault(run.config.algorithm, []).append(run)
-    entries, contents = [], {}
+
+    entries = []
+    contents = {}
+
     for algorithm, found in sorted(by_algorithm.items()):
         best = max(found, key=_rank)
         best.load_model()  # what does not fit is not kept
-        manifest, content = best.manifest, best.read_model()
+        manifest = best.manifest
+        content = best.read_model()
         model = manifest.models["best"]
         entries.append(
             GeneralistPretrainedEntry(
@@ -188,10 +207,12 @@ def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistPretraine
             )
         )
         contents[f"{algorithm}.npz"] = content
+
     kept = Models.read(out)
     others = [each for each in kept.generalists if each.file not in contents]
     both = sorted([*others, *entries], key=lambda each: each.config.algorithm)
     write_models(out, kept.models, contents, both)
+
     return entries
 
 
@@ -204,8 +225,10 @@ def _table(entries: Sequence[PretrainedEntry], out: Path) -> Table:
     rows = Table(caption=f"written to {out}")
     for column in ("file", "KiB", "seed", "of", "steps", "metres", "ratio"):
         rows.add_column(column, justify="left" if column == "file" else "right")
+
     for each in entries:
         size = f"{(out / each.file).stat().st_size / 1024:.0f}"
         run = (str(each.config.seed), str(each.chosen_among), f"{each.steps:,}")
         rows.add_row(each.file, size, *run, f"{each.score.distance:.3f}", f"{each.score.ratio:.3f}")
+
     return rows

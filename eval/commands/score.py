@@ -85,6 +85,7 @@ def main(
             file=sys.stderr,
         )
         return 2
+
     left_out: list[LeftOut] = []
     try:
         opened = _opened(runs, left_out)
@@ -97,6 +98,7 @@ def main(
             raise ValueError(
                 "env='IrsNav-v0' plays run folders alone, with all reference policies beside them"
             )
+
         pools = scene_sets_of(split, num_scenes, scenes) if any(is_unseen) else {}
     except (OSError, ValueError) as error:
         print(f"python -m eval score: {error}", file=sys.stderr)
@@ -115,19 +117,23 @@ def main(
             Exception
         ) as error:  # a damaged run may raise any, and keeps no other from being scored
             left_out.append(LeftOut.of(Path(name), error))
+
     for told in left_out:
         print(f"python -m eval score: {told.folder}: {told.reason}", file=sys.stderr)
+
     return 2 if left_out else 0
 
 
 def _opened(names: Sequence[str], left_out: list[LeftOut]) -> dict[str, Run | Player]:
     """What can be opened of runs and players by their names; the others join those left out."""
     opened = {}
+
     for name in names:
         try:
             opened[name] = _open(name)
         except Exception as error:
             left_out.append(LeftOut.of(Path(name), error))
+
     return opened
 
 
@@ -139,6 +145,7 @@ def _open(name: str) -> Run | Player:
         return Player(name, partial(play_pool, load_pretrained(name).policy))
     if name.endswith(".npz"):
         return Player(name, partial(play_pool, read_network(Path(name).read_bytes())))
+
     return Run.open(name)
 
 
@@ -177,6 +184,7 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScor
     print(f"{run.folder}: {model} model, after {entry.steps:,} steps, at {world.target_db:g} dB")
     Console().print(table(scores))
     print(f"written: {run.folder / 'scores.json'} and paths.png beside it")
+
     return scores
 
 
@@ -205,8 +213,10 @@ def table(scores: Sequence[PolicyScore]) -> Table:
         padding=(0, 1, 0, 0),
     )
     rows.add_column("policy", no_wrap=True)
+
     for column in ("episodes", "success", "metres", "ratio", "SPL", "soft-SPL", "refused"):
         rows.add_column(column, justify="right", no_wrap=True)
+
     for each in scores:
         rows.add_row(
             each.policy.replace("_", " "),
@@ -218,4 +228,5 @@ def table(scores: Sequence[PolicyScore]) -> Table:
             f"{each.soft_spl:.3f}",
             f"{each.refused:.1f}",
         )
+
     return rows

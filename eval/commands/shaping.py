@@ -73,17 +73,21 @@ def main(out: Path = Path("docs"), scenes: int = 1000) -> int:
     except (OSError, ValueError) as error:
         print(f"python -m eval shaping: {error}", file=sys.stderr)
         return 2
+
     print(f"written: {out / 'shaping.md'}")
     return 0
 
 
 def paper_section() -> str:
     """All starts of the paper's factory, under several discounts."""
-    shaped, bare = build_world(Task()), build_world(Task(shaping=False))
+    shaped = build_world(Task())
+    bare = build_world(Task(shaping=False))
     rows = []
+
     for gamma in GAMMAS:
         ratios, without = (best_ratios(world, gamma) for world in (shaped, bare))
         rows.append((gamma, count_longer(ratios), _worst(ratios), count_longer(without)))
+
     starts = int(np.isfinite(best_ratios(shaped, 1.0)).sum())
     header = (
         "discount",
@@ -91,32 +95,40 @@ def paper_section() -> str:
         "at most so many times",
         "without shaping",
     )
+
     return page(PAPER.format(target_db=shaped.target_db, starts=starts), table(header, rows))
 
 
 def generated_section(scenes: int) -> str:
     """Scenes of the test split, under a few discounts."""
     rows = []
+
     for gamma in OF_MANY:
-        own, everywhere = [], []
+        own = []
+        everywhere = []
+
         for world in generated_worlds(scenes):
             ratios = best_ratios(world, gamma)
             own.append(ratios[world.start])
             everywhere.append(ratios[~np.isnan(ratios)])
+
         starts = np.concatenate(everywhere)
         rows.append((gamma, count_longer(np.array(own)), count_longer(starts), _worst(starts)))
+
     header = (
         "discount",
         "scenes whose best path is longer",
         "of all starts",
         "at most so many times",
     )
+
     return page(GENERATED.format(scenes=scenes), table(header, rows))
 
 
 def spirals_section() -> str:
     """Spirals of all sizes, under a few discounts."""
     rows = []
+
     for gamma in OF_MANY:
         cells = []
         for shaping in (True, False):
@@ -124,7 +136,9 @@ def spirals_section() -> str:
                 [_own_ratio(spiral_world(side, shaping=shaping), gamma) for side in SPIRAL_SIDES]
             )
             cells += [count_longer(ratios), f"{np.isinf(ratios).sum()} of {len(ratios)}"]
+
         rows.append((gamma, *cells))
+
     header = (
         "discount",
         "best path is longer",
@@ -132,7 +146,9 @@ def spirals_section() -> str:
         "longer without shaping",
         "never without shaping",
     )
-    first, last = SPIRAL_SIDES[0], SPIRAL_SIDES[-1]
+    first = SPIRAL_SIDES[0]
+    last = SPIRAL_SIDES[-1]
+
     return page(
         SPIRALS.format(count=len(SPIRAL_SIDES), first=first, last=last), table(header, rows)
     )
@@ -152,6 +168,7 @@ def spiral_world(side: int, *, shaping: bool = True) -> World:
     gain_db = np.full((side, side), -np.inf)
     gain_db[tuple(np.array(cells).T)] = 0.0
     radio_map = RadioMap.from_array(gain_db, CELL_SIZE)
+
     return build_world(
         Task(radio_map=radio_map, start=cells[0], goal=cells[-1], target_db=-1.0, shaping=shaping)
     )
@@ -161,11 +178,16 @@ def spiral(side: int) -> list[Cell]:
     """Cells of a corridor that winds from the corner of a square to its centre, with walls a cell
     thick.
     """
-    i, j, di, dj = 0, 0, 1, 0
+    i = 0
+    j = 0
+    di = 1
+    dj = 0
     cells = [(0, 0)]
     has_turned = False
+
     while True:
-        ahead, beyond = (i + di, j + dj), (i + 2 * di, j + 2 * dj)
+        ahead = (i + di, j + dj)
+        beyond = (i + 2 * di, j + 2 * dj)
         if 0 <= ahead[0] < side and 0 <= ahead[1] < side and beyond not in cells:
             i, j = ahead
             cells.append(ahead)

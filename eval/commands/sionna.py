@@ -47,9 +47,11 @@ def main(
         Seed of the rays.
     """
     study = Study(load_scene("paper"), CELL_SIZE)
+
     try:
         if retrace:
             trace_into(out, study, samples, depth, seed)
+
         radio_map = RadioMap.load(out / "sionna.npz")
         settings = json.loads((out / "sionna.json").read_text(encoding="utf-8"))
     except ModuleNotFoundError as error:
@@ -61,8 +63,10 @@ def main(
     except (OSError, ValueError) as error:
         print(f"python -m eval sionna: {error}", file=sys.stderr)
         return 2
+
     write_page(study, radio_map, settings, out)
     print(f"written: {out / 'sionna.md'}, sionna.npz beside it, and {out / 'figures'}")
+
     return 0
 
 
@@ -82,7 +86,8 @@ def trace_into(out: Path, study: Study, samples: int, depth: int, seed: int) -> 
 
 def write_page(study: Study, traced: RadioMap, settings: dict[str, Any], out: Path) -> None:
     """Write OUT/sionna.md and its figure."""
-    model, ends = study.radio_map(WITHOUT), (study.start, study.goal)
+    model = study.radio_map(WITHOUT)
+    ends = (study.start, study.goal)
     maps = {"statistical model": model, "traced by Sionna RT": traced}
     paths = {
         title: shortest_path(each.feasible(PATHS_AT_DB), *ends, CELL_SIZE)

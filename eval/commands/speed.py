@@ -74,13 +74,17 @@ def main(
     except ValueError as error:
         print(f"python -m eval speed: {error}", file=sys.stderr)
         return 2
+
     out.mkdir(parents=True, exist_ok=True)
     write_file(out / "speed.json", (json.dumps(results, indent=2, allow_nan=False) + "\n").encode())
     write_file(out / "speed.md", markdown(results).encode())
     console = Console()
+
     for each in tables(results):
         console.print(each.for_terminal())
+
     print(f"written: {out / 'speed.md'}, {out / 'speed.json'}")
+
     return 1 if any(each["is_met"] is False for each in results["bars"]) else 0
 
 
@@ -94,18 +98,23 @@ def measure(rounds: int, seconds: float, repeats: int) -> dict[str, Any]:
     """
     if repeats < 1:
         raise ValueError(f"repeats={repeats} must be positive")
+
     load = os.getloadavg()[0]
-    rates, left_out = {}, {}
+    rates = {}
+    left_out = {}
+
     for title, contenders in RACES.items():
         print(f"timing {title} ...", file=sys.stderr)
         ready, left_out[title] = prepare(contenders)
         rates[title] = time_in_turns(ready, rounds, seconds)
+
     print("timing resets, frames and imports ...", file=sys.stderr)
     found = {
         "resets": costs.resets(repeats),
         "frames": costs.frames(repeats),
         "imports": costs.imports(max(3, repeats // 20)),
     }
+
     return {
         "format_version": 1,
         "machine": {
@@ -132,14 +141,17 @@ def measure(rounds: int, seconds: float, repeats: int) -> dict[str, Any]:
 def judge(rates: dict[str, Rates], found: list[EventCost]) -> list[Bar]:
     """Each bar, and whether the median of the measurements meets it."""
     bars = []
+
     for title, other, least in RATIOS:
-        what, needed = f"{title}: {OURS} over {other}", f"at least {least:g} x"
+        what = f"{title}: {OURS} over {other}"
+        needed = f"at least {least:g} x"
         if other in rates[title].by_name:
             ratio = rates[title].ratio(OURS, other)
             measured = f"{ratio.median:.3g} x ({ratio.low:.3g} to {ratio.high:.3g})"
             bars.append(Bar(what, needed, measured, ratio.median >= least))
         else:
             bars.append(Bar(what, needed, "not measured", None))
+
     for cost in found:
         if cost.what in MOST_SECONDS:
             most = MOST_SECONDS[cost.what]
@@ -147,10 +159,12 @@ def judge(rates: dict[str, Rates], found: list[EventCost]) -> list[Bar]:
             bars.append(
                 Bar(cost.what, f"under {most * 1e3:g} ms", measured, cost.seconds.median < most)
             )
+
     runs = sum(cost.dijkstra_runs or 0 for cost in found if cost.what != NEW_GOAL)
     bars.append(
         Bar("Dijkstra runs of a reset to a goal used before", "none", f"{runs:g}", runs == 0)
     )
+
     return bars
 
 
@@ -160,6 +174,7 @@ def _cpu() -> str:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         return platform.processor() or platform.machine()
+
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.machine()
 

@@ -57,6 +57,7 @@ def main(
             write_file(gif, as_gif(frames, fps))
             print(f"written: {gif}")
             return 0
+
         episode = show_in_window(found, fps) if human else show(found, fps)
     except DependencyNotInstalled:
         print(
@@ -66,10 +67,12 @@ def main(
     except (OSError, ValueError) as error:
         print(f"python -m eval watch: {error}", file=sys.stderr)
         return 2
+
     ended = "reached the goal" if episode.is_success else "did not reach the goal"
     print(
         f"{ended} after {episode.distance:.3f} m; the oracle needs {episode.oracle_distance:.3f} m"
     )
+
     return 0
 
 
@@ -77,11 +80,14 @@ def show(found: LoadedPolicy, fps: int) -> EpisodeResult:
     """Play an episode in the terminal; where the output goes elsewhere, only the last frame is
     written.
     """
-    console, policy, env = Console(), found.policy, found.env
+    console = Console()
+    policy = found.policy
+    env = found.env
     if not console.is_terminal:
         episode = roll_out(policy, env, options=found.options)
         print(env.render())
         return episode
+
     with Live(console=console, auto_refresh=False) as live:
 
         @wraps(policy.predict)
@@ -92,6 +98,7 @@ def show(found: LoadedPolicy, fps: int) -> EpisodeResult:
 
         episode = roll_out(SimpleNamespace(predict=predict), env, options=found.options)
         _draw(env, live)
+
     return episode
 
 
@@ -102,6 +109,7 @@ def show_in_window(found: LoadedPolicy, fps: int) -> EpisodeResult:
     episode = roll_out(found.policy, window, options=found.options)
     time.sleep(1)
     window.close()
+
     return episode
 
 
@@ -115,8 +123,12 @@ def fit(frame: str, height: int) -> str:
     lines = frame.splitlines()
     if len(lines) <= height:
         return frame
-    head, rows, legend = lines[:1], lines[1:-LAST_LINES], lines[-LAST_LINES:]
+
+    head = lines[:1]
+    rows = lines[1:-LAST_LINES]
+    legend = lines[-LAST_LINES:]
     room = max(1, height - 1 - LAST_LINES)
     robot = next(n for n, row in enumerate(rows) if "R" in row)
     first = min(max(0, robot - room // 2), len(rows) - room)
+
     return "\n".join([*head, *rows[first : first + room], *legend])

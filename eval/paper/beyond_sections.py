@@ -17,13 +17,16 @@ from eval.paper.study import CONTINUOUS, ONE_BIT, SCHEMES, THREE_BIT, TWO_BIT, S
 def trade_off_section(study: Study) -> str:
     """Every breakpoint of Fig. 5."""
     rows = []
+
     for scheme in SCHEMES:
-        curve, gain_db = study.curve(scheme), study.radio_map(scheme).gain_db
+        curve = study.curve(scheme)
+        gain_db = study.radio_map(scheme).gain_db
         steps = "; ".join(
             f"{length:.3f} m up to {target:.4f} dB"
             for target, length in zip(curve.targets_db, curve.distances, strict=True)
         )
         rows.append((scheme.name, steps, curve.dijkstra_runs, distinct_gains(gain_db)))
+
     return page(
         "## The exact trade-off",
         "`irs_gym.trade_off` gives the distance as a step function of the target. All shortest paths at a target make "
@@ -44,12 +47,15 @@ def distinct_gains(gain_db: NDArray[np.float64]) -> int:
 def optimal_section(study: Study) -> str:
     """What exact levels gain over rounding."""
     rows = []
+
     for scheme in (ONE_BIT, TWO_BIT, THREE_BIT):
         nearest, optimal = (study.radio_map(scheme, name) for name in ("nearest", "optimal"))
         gain = (optimal.gain_db[nearest.free] - nearest.gain_db[nearest.free]).tolist()
         raised = study.threshold(scheme, "optimal") - study.threshold(scheme, "nearest")
         rows.append((scheme.name, f"{np.mean(gain):.4f}", f"{max(gain):.3f}", f"{raised:+.4f}"))
+
     header = ("phases", "mean over free cells (dB)", "largest (dB)", "highest feasible target (dB)")
+
     return page(
         "## Optimal levels instead of rounded ones",
         'The best of all L^N settings of b-bit phases, found exactly in O(N log N) a cell (`quantiser="optimal"`; '
@@ -87,6 +93,7 @@ def own_scene_section(study: Study, target_db: float) -> str:
     scene = study.scene
     without = Study(scene.with_irs_elements(0), study.cell_size)
     rows = []
+
     for name, each in (("both", study), ("none", without)):
         steps = each.curve(CONTINUOUS)
         rows.append(
@@ -97,7 +104,9 @@ def own_scene_section(study: Study, target_db: float) -> str:
                 f"{steps.distances[-1]:.3f}",
             )
         )
+
     lengths = [each.distance(CONTINUOUS, target_db) for each in (study, without)]
+
     return page(
         "## A second scene",
         f'`irs_gym.load_scene("{scene.name}")`: {scene.room.x_max - scene.room.x_min:g} x '
@@ -140,6 +149,7 @@ def cost_promises(costs: Sequence[ScalingCost]) -> list[Promise]:
         task: _growth([cost for cost in costs if cost.task == task])
         for task in {c.task for c in maps}
     }
+
     return [
         Promise(
             f"{small.task}, {small.cells:,} cells: under 5 ms",
@@ -163,7 +173,9 @@ def _growth(costs: Sequence[ScalingCost]) -> float:
     all overhead.
     """
     ordered = sorted(costs, key=lambda cost: cost.cells)
-    first, last = ordered[1], ordered[-1]
+    first = ordered[1]
+    last = ordered[-1]
+
     return log(last.seconds / first.seconds) / log(last.cells / first.cells)
 
 
@@ -171,8 +183,10 @@ def cost_section(machine: dict[str, Any], costs: Sequence[ScalingCost]) -> str:
     """Time and memory over the number of cells."""
     sizes = sorted({cost.cells for cost in costs if cost.cells})
     by_task: dict[str, dict[int, ScalingCost]] = {}
+
     for cost in costs:
         by_task.setdefault(cost.task, {})[cost.cells] = cost
+
     rows = [
         (task, *(_cell(task, cells, of_task.get(cells)) for cells in sizes))
         for task, of_task in by_task.items()
@@ -182,6 +196,7 @@ def cost_section(machine: dict[str, Any], costs: Sequence[ScalingCost]) -> str:
         f"{name} {value}" for name, value in machine.items() if name not in ("processor", "cores")
     )
     idle = next(cost.peak_mib for cost in costs if cost.task == "imports alone")
+
     return page(
         "## Cost",
         f"Seconds of the fastest of 1 to 50 runs, and peak memory of the whole process ({idle:.0f} MiB of it the "

@@ -22,6 +22,7 @@ ROWS_SHOWN = 12  # rows of sub-surfaces on the axis of Fig. 6
 def draw_distance_over_target(study: Study, folder: Path) -> None:
     """Exact step functions, each up to its highest feasible target: the paper's Fig. 5."""
     rows = []
+
     with new_figure(7.5, 4.6) as figure:
         axes = figure.subplots()
         curves = {scheme.name: study.curve(scheme) for scheme in SCHEMES}
@@ -32,12 +33,14 @@ def draw_distance_over_target(study: Study, folder: Path) -> None:
             )
             - 0.4
         )
+
         for name, curve in curves.items():
             _draw_steps(axes, name, curve, low)
             rows += [
                 (name, *step)
                 for step in zip(curve.targets_db.tolist(), curve.distances.tolist(), strict=True)
             ]
+
         axes.set(xlabel="target (dB)", ylabel="shortest distance (m)", xlim=(low, None))
         axes.set_title(
             f"M = {study.scene.irs_panels[0].elements}; × marks the highest feasible target"
@@ -55,9 +58,11 @@ def draw_distance_over_target(study: Study, folder: Path) -> None:
 
 def _draw_steps(axes: Axes, name: str, curve: TradeOff, low: float) -> None:
     """One step function, marked at the upper end of every step."""
-    targets, distances = np.append(low, curve.targets_db), curve.distances
+    targets = np.append(low, curve.targets_db)
+    distances = curve.distances
     if not len(distances):
         return
+
     style = LINES[name] | {"marker": ""}
     axes.step(targets, np.append(distances[0], distances), where="pre", label=None, **style)
     axes.plot(curve.targets_db[:-1], distances[:-1], linestyle="none", marker=LINES[name]["marker"], markersize=5,
@@ -69,7 +74,9 @@ def _draw_steps(axes: Axes, name: str, curve: TradeOff, low: float) -> None:
 
 def draw_distance_over_elements(study: Study, folder: Path) -> None:
     """Shortest distance over the number of elements M: the paper's Fig. 6."""
-    counts, rows = element_counts(study, ROWS_SHOWN), []
+    counts = element_counts(study, ROWS_SHOWN)
+    rows = []
+
     with new_figure(7.5, 4.6) as figure:
         axes = figure.subplots()
         for scheme in SCHEMES:
@@ -84,6 +91,7 @@ def draw_distance_over_elements(study: Study, folder: Path) -> None:
                 )
             else:
                 axes.plot([], [], label=f"{scheme.name}: infeasible", **LINES[scheme.name])
+
         axes.set(
             xlabel="number of IRS elements M",
             ylabel="shortest distance (m)",
@@ -99,7 +107,8 @@ def draw_cost_of_grid(study: Study, folder: Path) -> list[tuple[float, float, fl
     """The oracle's distance and the straight-line bound, continuous phases; returns target,
     distance, bound.
     """
-    curve, radio_map = study.curve(CONTINUOUS), study.radio_map(CONTINUOUS)
+    curve = study.curve(CONTINUOUS)
+    radio_map = study.radio_map(CONTINUOUS)
     rows = [
         (
             target,
@@ -112,11 +121,13 @@ def draw_cost_of_grid(study: Study, folder: Path) -> list[tuple[float, float, fl
             curve.targets_db.tolist(), curve.distances.tolist(), strict=True
         )
     ]
+
     with new_figure(7.5, 4.2) as figure:
         axes = figure.subplots()
         if rows:
             low = rows[0][0] - 0.4
             bound = TradeOff(curve.targets_db, np.array([each[2] for each in rows]), 0)
+
             for steps, label, style in (
                 (curve, "oracle, eight directions", {"color": "black", "linewidth": 2}),
                 (
@@ -125,12 +136,12 @@ def draw_cost_of_grid(study: Study, folder: Path) -> list[tuple[float, float, fl
                     {"color": "#777777", "linewidth": 2, "linestyle": "--"},
                 ),
             ):
-                targets, distances = (
-                    np.append(low, steps.targets_db),
-                    np.append(steps.distances[0], steps.distances),
-                )
+                targets = np.append(low, steps.targets_db)
+                distances = np.append(steps.distances[0], steps.distances)
                 axes.step(targets, distances, where="pre", label=label, **style)
+
             axes.set(xlim=(low, None))
+
         axes.set(xlabel="target (dB)", ylabel="distance (m)", title="continuous phases")
         axes.grid(alpha=0.3)
         axes.legend()
@@ -141,12 +152,14 @@ def draw_cost_of_grid(study: Study, folder: Path) -> list[tuple[float, float, fl
             ("up_to_target_db", "oracle_m", "straight_line_bound_m"),
             rows,
         )
+
     return rows
 
 
 def draw_evidence(evidence: Sequence[Evidence], folder: Path) -> None:
     """Running means of the draws, with their standard errors, beside our formula and its rival."""
     rows = []
+
     with new_figure(11, 3.8) as figure:
         for axes, each in zip(figure.subplots(1, len(evidence)), evidence, strict=True):
             means, errors, draws = (values[1:] for values in (each.means, each.errors, each.draws))
@@ -163,6 +176,7 @@ def draw_evidence(evidence: Sequence[Evidence], folder: Path) -> None:
             axes.set(title=f"{each.subject}\n{outcome}", xlabel="draws", xscale="log")
             rows += [(each.subject, *row) for row in zip(each.draws.tolist(), *(
                 (values / each.ours).tolist() for values in (each.means, each.errors)), strict=True)]  # fmt: skip
+
         figure.axes[0].set_ylabel("dB over the corrected formula")
         figure.legend(
             *figure.axes[0].get_legend_handles_labels(),

@@ -27,11 +27,13 @@ from irs_gym.radio.irs import Quantiser
 def threshold_claims(study: Study) -> list[Claim]:
     """Highest feasible targets, Fig. 5."""
     steps = [study.curve(scheme).distances for scheme in SCHEMES]
-    without, continuous = study.threshold(WITHOUT), study.threshold(CONTINUOUS)
+    without = study.threshold(WITHOUT)
+    continuous = study.threshold(CONTINUOUS)
     readings = [
         [study.threshold(scheme, each) for each in ("as_printed", "nearest")]
         for scheme in (ONE_BIT, TWO_BIT)
     ]
+
     return [
         Claim(
             "Fig. 5: the distance generally increases with the target",
@@ -108,6 +110,7 @@ def distance_claims(study: Study) -> list[Claim]:
         s: excess(study.curve(s), study.curve(CONTINUOUS), -inf, study.threshold(s))
         for s in finer[:2]
     }
+
     return [
         number(
             "Without IRS, for targets from -63.5 to -62.5 dB, up to so much farther",
@@ -166,6 +169,7 @@ def excess(longer: TradeOff, shorter: TradeOff, low_db: float, high_db: float) -
     targets = np.concatenate([[low_db, high_db], steps, np.nextafter(steps, inf)])
     targets = targets[(targets >= low_db) & (targets <= high_db)]
     targets = targets[np.isfinite(shorter.distance_at(targets))]
+
     return float(
         100 * np.max(longer.distance_at(targets) / shorter.distance_at(targets) - 1, initial=-inf)
     )
@@ -176,9 +180,11 @@ def lost_db(coarse: TradeOff, fine: TradeOff) -> float:
     one, in dB.
     """
     lost = [-inf]
+
     for target_db, distance in zip(fine.targets_db, fine.distances, strict=True):
         reached = coarse.targets_db[coarse.distances <= distance + 1e-9]
         lost.append(target_db - max(reached, default=-inf))
+
     return float(max(lost))
 
 
@@ -217,12 +223,14 @@ def extra_elements(
             study.distance(scheme, ELEMENTS_AT_DB, quantiser, m) for m in element_counts(study)
         } - {inf}
         extra += [fewest(coarse, distance) - fewest(scheme, distance) for distance in reached]
+
     return max(extra)
 
 
 def element_claims(study: Study) -> list[Claim]:
     """What the paper's Fig. 6 shows."""
-    counts, finer = element_counts(study), (TWO_BIT, THREE_BIT, CONTINUOUS)
+    counts = element_counts(study)
+    finer = (TWO_BIT, THREE_BIT, CONTINUOUS)
     schemes = [scheme for scheme in SCHEMES if scheme.has_irs]
     lengths = np.array(
         [[study.distance(scheme, ELEMENTS_AT_DB, elements=m) for m in counts] for scheme in schemes]
@@ -230,6 +238,7 @@ def element_claims(study: Study) -> list[Claim]:
     two, three = (
         extra_elements(study, scheme, [CONTINUOUS], "nearest") for scheme in (TWO_BIT, THREE_BIT)
     )
+
     return [
         Claim(
             f"Fig. 6, {ELEMENTS_AT_DB:g} dB: the distance generally decreases with M",

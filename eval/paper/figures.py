@@ -79,11 +79,13 @@ def save(
 ) -> None:
     """Write ``name.png``, ``name.svg`` and ``name.csv`` into a folder, each as a whole."""
     folder.mkdir(parents=True, exist_ok=True)
+
     # Neither dates nor versions, so that nothing but the data changes a file.
     for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
         picture = BytesIO()
         figure.savefig(picture, format=suffix, metadata=metadata)
         write_file(folder / f"{name}.{suffix}", picture.getvalue())
+
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -101,10 +103,12 @@ def minus(number: float) -> str:
 def draw_floor(axes: Axes, scene: Scene) -> None:
     """Room, obstacles, access points, panels, start and goal, seen from above."""
     room = scene.room
+
     for n, box in enumerate(scene.obstacles):
         corner, (width, depth, _) = box.lower[:2], box.size
         label = "obstacle" if n == 0 else None
         axes.add_patch(Rectangle(corner, width, depth, zorder=2, label=label, **OBSTACLE))
+
     for style, points, label in (
         (ACCESS_POINT, [each.position for each in scene.access_points], "AP"),
         (PANEL, [each.position for each in scene.irs_panels], "IRS"),
@@ -112,8 +116,10 @@ def draw_floor(axes: Axes, scene: Scene) -> None:
         (GOAL, [scene.goal], "goal"),
     ):
         if points:
-            x, y = [point[0] for point in points], [point[1] for point in points]
+            x = [point[0] for point in points]
+            y = [point[1] for point in points]
             axes.plot(x, y, label=label, zorder=5, clip_on=False, **style)
+
     axes.set(
         xlim=(room.x_min, room.x_max),
         ylim=(room.y_min, room.y_max),

@@ -17,13 +17,18 @@ from irs_gym.units import Floats, linear_to_db
 
 def map_claims(study: Study) -> list[Claim]:
     """What the paper's Fig. 3 shows."""
-    scene, without, with_irs = study.scene, study.radio_map(WITHOUT), study.radio_map(CONTINUOUS)
-    free, floor = without.free, without.grid.centres()
+    scene = study.scene
+    without = study.radio_map(WITHOUT)
+    with_irs = study.radio_map(CONTINUOUS)
+    free = without.free
+    floor = without.grid.centres()
     is_clear = is_line_of_sight(study.antennas(), scene.access_points[0].position, scene.boxes)
     drops = _drops_at_shadows(without.gain_db, free, is_clear)
     gain = np.where(free, with_irs.gain_db, 0) - np.where(free, without.gain_db, 0)
     to_irs = np.linalg.norm(floor - np.array(scene.irs_panels[0].position[:2]), axis=-1)
-    near, far = gain[free & (to_irs < 5)], gain[free & (to_irs >= 5)]
+    near = gain[free & (to_irs < 5)]
+    far = gain[free & (to_irs >= 5)]
+
     return [
         Claim(
             "Fig. 3: in obstacles the gain is minus infinity",
@@ -60,14 +65,18 @@ def path_claims(study: Study) -> list[Claim]:
     """What the paper's Fig. 4 shows."""
     floor = study.scene.grid(study.cell_size).centres()
     ap = np.array(study.scene.access_points[0].position[:2])
-    closest, lengths = {}, {}
+    closest = {}
+    lengths = {}
+
     for scheme in (WITHOUT, ONE_BIT, CONTINUOUS):
         path = study.path(scheme, PATHS_AT_DB)
         lengths[scheme] = inf if path is None else path.distance
         closest[scheme] = (
             inf if path is None else np.linalg.norm(floor[tuple(path.cells.T)] - ap, axis=-1).min()
         )
+
     with_irs = min(closest[ONE_BIT], closest[CONTINUOUS])
+
     return [
         Claim(
             f"Fig. 4, {PATHS_AT_DB:g} dB: without IRS the path approaches the AP",
@@ -98,6 +107,7 @@ def model_claims(study: Study) -> list[Claim]:
     path = dips_of_path(study, CONTINUOUS, ELEMENTS_AT_DB)
     everywhere = dips_of_map(study, CONTINUOUS, ELEMENTS_AT_DB)
     gap = _gap_to_bound(study)
+
     return [
         Claim(
             "Eq. (13): the phases of eq. (14) attain the upper bound",
@@ -131,6 +141,7 @@ def _drops_at_shadows(
     not.
     """
     drops = []
+
     for one, other in (
         ((slice(1, None),), (slice(None, -1),)),
         ((..., slice(1, None)), (..., slice(None, -1))),
@@ -138,6 +149,7 @@ def _drops_at_shadows(
         for clear, shadow in ((one, other), (other, one)):
             edge = free[clear] & free[shadow] & is_clear[clear] & ~is_clear[shadow]
             drops.append(gain_db[clear][edge] - gain_db[shadow][edge])
+
     return np.concatenate(drops)
 
 
@@ -149,4 +161,5 @@ def _gap_to_bound(study: Study) -> float:
     site = channel(study.scene, study.scene.access_points[0], positions)
     turned = site.reflected_los("far_field") * np.exp(1j * site.phase_shifts(Hardware()))
     gain = np.abs(site.direct_los + turned.sum(axis=1)) ** 2 + site.scattered_power()
+
     return float(np.abs(linear_to_db(gain) - linear_to_db(site.expected_gain(Hardware()))).max())

@@ -45,7 +45,9 @@ FACES = (
 
 def draw_scene(study: Study, folder: Path) -> None:
     """The scene in three dimensions: the paper's Fig. 2."""
-    scene, room = study.scene, study.scene.room
+    scene = study.scene
+    room = study.scene.room
+
     with new_figure(7, 5) as figure:
         axes = figure.add_subplot(projection="3d", computed_zorder=False)
         for box in scene.obstacles:
@@ -62,10 +64,12 @@ def draw_scene(study: Study, folder: Path) -> None:
                     linewidth=0.7,
                 )
             )
+
         for panel in scene.irs_panels:
             axes.add_collection3d(
                 Poly3DCollection([_outline(panel, scene)], facecolor="black", edgecolor="black")
             )
+
         height = scene.antenna_height
         for style, label, points in (
             (ACCESS_POINT, "AP", [each.position for each in scene.access_points]),
@@ -75,6 +79,7 @@ def draw_scene(study: Study, folder: Path) -> None:
         ):
             x, y, z = zip(*points, strict=True)
             axes.plot(x, y, z, label=label, zorder=9, **style)
+
             for point in points:  # a plumb line down to the floor
                 axes.plot(
                     *zip(point, (*point[:2], 0.0), strict=True),
@@ -82,6 +87,7 @@ def draw_scene(study: Study, folder: Path) -> None:
                     linewidth=0.8,
                     linestyle=":",
                 )
+
         axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
         axes.locator_params(nbins=5)
         axes.set(
@@ -106,6 +112,7 @@ def _outline(panel: IrsPanel, scene: Scene) -> Floats:
     pitch = panel.pitch_wavelengths * wavelength_m(scene.carrier_ghz)
     along = panel.columns * panel.elements_per_subsurface[0] * pitch / 2 * panel.along_wall
     up = panel.rows * panel.elements_per_subsurface[1] * pitch / 2 * np.array([0.0, 0.0, 1.0])
+
     return np.array(panel.position) + np.array([-along - up, along - up, along + up, up - along])
 
 
@@ -114,11 +121,14 @@ def _parts(scene: Scene) -> list[tuple[object, ...]]:
         ("obstacle", *box.center, box.size[2] / 2, *box.size) for box in scene.obstacles
     ]
     rows += [("access point", *each.position, "", "", "") for each in scene.access_points]
+
     for panel in scene.irs_panels:
         low, high = _outline(panel, scene)[[0, 2]]
         rows.append(("IRS", *panel.position, *np.abs(high - low).tolist()))
+
     for name, point in (("start", scene.start), ("goal", scene.goal)):
         rows.append((name, *point, scene.antenna_height, "", "", ""))
+
     return rows
 
 
@@ -139,6 +149,7 @@ def draw_maps(
     """
     scale = _scale(*(each.gain_db for each in maps.values()))
     steps = {title: np.zeros(each.grid.shape, dtype=int) for title, each in maps.items()}
+
     with new_figure(5 * len(maps), 4.8) as figure:
         panels = figure.subplots(1, len(maps), sharey=True)
         for axes, (title, radio_map) in zip(panels, maps.items(), strict=True):
@@ -148,7 +159,9 @@ def draw_maps(
             )
             if title in paths:
                 steps[title] = _draw_path(axes, radio_map, paths[title], "shortest path")
+
             axes.set(title=title, ylabel="" if axes is panels[-1] else "y (m)")
+
         _colour_bar(figure, panels, scale, "expected channel gain (dB)")
         _legend(figure, panels[-1])
         columns = {f"{_word(title)}_db": each.gain_db for title, each in maps.items()}
@@ -163,19 +176,24 @@ def _word(title: str) -> str:
 
 def draw_paths(study: Study, folder: Path) -> None:
     """Shortest paths at one target: the paper's Fig. 4."""
-    floor, rows = study.radio_map(WITHOUT).grid.centres(), []
+    floor = study.radio_map(WITHOUT).grid.centres()
+    rows = []
+
     with new_figure(6, 5.6) as figure:
         axes = figure.subplots()
         draw_floor(axes, study.scene)
+
         for scheme, width in ((ONE_BIT, 4.5), (CONTINUOUS, 1.8), (WITHOUT, 1.8)):
             path = study.path(scheme, PATHS_AT_DB)
             if path is None:
                 continue
+
             x, y = floor[tuple(path.cells.T)].T
             style = LINES[scheme.name] | {"linewidth": width, "marker": ""}
             axes.plot(x, y, zorder=4, label=f"{scheme.name}, {path.distance:.2f} m", **style)
             cells = zip(path.cells.tolist(), x.tolist(), y.tolist(), strict=True)
             rows += [(scheme.name, n, *cell, *at) for n, (cell, *at) in enumerate(cells)]
+
         axes.set_title(f"target {minus(PATHS_AT_DB)} dB, M = {study.scene.irs_panels[0].elements}")
         _legend(figure, axes)
         save(figure, folder, "paths", ("scheme", "step", "i", "j", "x_m", "y_m"), rows)
@@ -189,6 +207,7 @@ def draw_optimal_gain(study: Study, folder: Path) -> None:
     gain = np.where(
         np.isfinite(nearest), optimal - np.where(np.isfinite(nearest), nearest, 0), np.nan
     )
+
     with new_figure(6.2, 5.2) as figure:
         axes = figure.subplots()
         draw_map(axes, study.radio_map(ONE_BIT), gain, Normalize(0, np.nanmax(gain)))
@@ -207,8 +226,11 @@ def draw_optimal_gain(study: Study, folder: Path) -> None:
 
 def draw_own_scene(study: Study, target_db: float, folder: Path) -> None:
     """Map and path of a scene of any number of access points and panels."""
-    radio_map, path = study.radio_map(CONTINUOUS), study.path(CONTINUOUS, target_db)
-    scale, room = _scale(radio_map.gain_db), study.scene.room
+    radio_map = study.radio_map(CONTINUOUS)
+    path = study.path(CONTINUOUS, target_db)
+    scale = _scale(radio_map.gain_db)
+    room = study.scene.room
+
     with new_figure(9, 9 * (room.y_max - room.y_min) / (room.x_max - room.x_min) + 0.6) as figure:
         axes = figure.subplots()
         draw_map(axes, radio_map, radio_map.gain_db, scale)
@@ -217,6 +239,7 @@ def draw_own_scene(study: Study, target_db: float, folder: Path) -> None:
         on_path = np.zeros(radio_map.grid.shape, dtype=int)
         if path is not None:
             on_path = _draw_path(axes, radio_map, path, f"{label}, {path.distance:.2f} m")
+
         _colour_bar(figure, axes, scale, "expected channel gain (dB)")
         _legend(figure, axes)
         columns = {"gain_db": radio_map.gain_db, "step_of_path": on_path}
@@ -250,6 +273,7 @@ def _draw_path(axes: Axes, radio_map: RadioMap, path: Route, label: str) -> NDAr
     axes.plot(x, y, color="black", linewidth=2, zorder=4, label=label)
     steps = np.zeros(radio_map.grid.shape, dtype=np.int64)
     steps[cells] = 1 + np.arange(len(path.cells))
+
     return steps
 
 
@@ -286,4 +310,5 @@ def _cell_table(
         (*cell, *centres[cell].tolist(), *(each[cell].item() for each in columns.values()))
         for cell in cells
     ]
+
     return ("i", "j", "x_m", "y_m", *columns), rows

@@ -51,7 +51,8 @@ class Evidence:
     @property
     def deviations(self) -> tuple[float, float]:
         """How many standard errors the last mean lies above our value, and above the rival's."""
-        mean, error = float(self.means[-1]), float(self.errors[-1])
+        mean = float(self.means[-1])
+        error = float(self.errors[-1])
         return (mean - self.ours) / error, (mean - self.rival) / error
 
 
@@ -61,6 +62,7 @@ def estimate(batches: Iterable[Floats]) -> tuple[Floats, Floats, NDArray[np.int6
     count = samples.shape[1] * np.arange(1, len(samples) + 1)
     means = samples.sum(axis=1).cumsum() / count
     spread = (samples**2).sum(axis=1).cumsum() / count - means**2
+
     return means, np.sqrt(spread / count), count
 
 
@@ -86,9 +88,14 @@ def draw_reflections(
     Each element has channels of its own, plane waves over its panel, so no sum of the closed form
     is used. ``shifts`` (N,) are the phase shifts of the sub-surfaces.
     """
-    total, los, first = np.zeros(BATCH, dtype=complex), 0j, 0
+    total = np.zeros(BATCH, dtype=complex)
+    los = 0j
+    first = 0
+
     for cascade in site.cascades:
-        panel, wavenumber, pitch = cascade.panel, cascade.wavenumber, cascade.pitch_m
+        panel = cascade.panel
+        wavenumber = cascade.wavenumber
+        pitch = cascade.pitch_m
         per_column, per_row = panel.elements_per_subsurface
         column, row, a, b = np.indices((panel.columns, panel.rows, per_column, per_row)).reshape(
             4, -1
@@ -107,6 +114,7 @@ def draw_reflections(
         total += (received * turned * sent).sum(axis=1)
         amplitude = float(ends[0].los_amplitude * ends[1].los_amplitude)
         los += amplitude * complex((np.exp(1j * (phases[0] + phases[1])) * turned).sum())
+
     return total, los
 
 
@@ -143,6 +151,7 @@ def lemma_1(study: Study, draws: int, seed: int) -> Evidence:
     printed = (
         gain - everywhere.direct.scattered_power + everywhere.cascades[0].robot_link.scattered_power
     )
+
     return _compare(
         study,
         "gain, continuous phases",
@@ -159,9 +168,11 @@ def lemma_1(study: Study, draws: int, seed: int) -> Evidence:
 def tau(study: Study, draws: int, seed: int) -> Evidence:
     """The panel's part of tau: M elements (Appendix A), not N sub-surfaces."""
     everywhere = _channels(study)
-    gain, cascade = everywhere.expected_gain(Hardware()), everywhere.cascades[0]
+    gain = everywhere.expected_gain(Hardware())
+    cascade = everywhere.cascades[0]
     ours = cascade.scattered_power
     printed = ours * cascade.panel.subsurfaces / cascade.panel.elements
+
     return _compare(
         study,
         "scattered power over the panel",
@@ -177,8 +188,10 @@ def tau(study: Study, draws: int, seed: int) -> Evidence:
 
 def quantiser(study: Study, draws: int, seed: int) -> Evidence:
     """1-bit phases: nearest on the circle, not on [0, 2 pi) as eq. (20) is printed."""
-    wrapped, printed = Hardware(1, "nearest"), Hardware(1, "as_printed")
+    wrapped = Hardware(1, "nearest")
+    printed = Hardware(1, "as_printed")
     ours, rival = (_channels(study).expected_gain(each) for each in (wrapped, printed))
+
     return _compare(
         study, "gain, 1-bit phases", ours, ours, rival, wrapped, draw_gains, draws, [seed, 3]
     )
@@ -196,6 +209,7 @@ def several_panels(study: Study, draws: int, seed: int) -> Evidence:
     ]
     powers = sum(np.abs(each).sum(axis=1) ** 2 for each in panels)
     rival = np.abs(everywhere.direct_los) ** 2 + powers + everywhere.scattered_power()
+
     return _compare(
         study, "gain, two panels", gain, gain, rival, Hardware(), draw_gains, draws, [seed, 4]
     )
@@ -217,9 +231,11 @@ def _compare(
     """
     effect_db = np.abs(linear_to_db((gain - ours + rival) / gain))
     cell = int(np.argmax(effect_db))
-    site, rng = _channels(study, cell), np.random.default_rng(seed)
+    site = _channels(study, cell)
+    rng = np.random.default_rng(seed)
     shifts = site.phase_shifts(hardware)[0]
     estimates = estimate(draw_batch(site, shifts, rng) for _ in range(-(-draws // BATCH)))
+
     return Evidence(
         subject, float(ours[cell]), float(rival[cell]), float(effect_db[cell]), *estimates
     )
@@ -232,8 +248,11 @@ def lost_amplitude_db(bits: int, draws: int, seed: int) -> tuple[float, float, f
     The exact loss is that of the mean of exp(j (theta - theta*)) over uniform theta*: sin(delta/2)
     L / pi with the wrap; without it, the last level also serves the half step below 2 pi.
     """
-    levels, rng = 2**bits, np.random.default_rng([seed, 5, bits])
-    delta, losses = 2 * np.pi / levels, []
+    levels = 2**bits
+    rng = np.random.default_rng([seed, 5, bits])
+    delta = 2 * np.pi / levels
+    losses = []
+
     for _ in range(20):
         wanted = np.exp(-1j * rng.uniform(0, 2 * np.pi, (1, max(1, draws // 20))))
         kept = [
@@ -241,11 +260,13 @@ def lost_amplitude_db(bits: int, draws: int, seed: int) -> tuple[float, float, f
             for rounded in (nearest_phases, as_printed_phases)
         ]
         losses.append(20 * np.log10(kept[0] / kept[1]))
+
     with_wrap = levels * np.sin(delta / 2) / np.pi
     without = np.abs((levels - 1) * 2 * np.sin(delta / 2) + (np.exp(1j * delta) - 1) / 1j) / (
         2 * np.pi
     )
     error = np.std(losses, ddof=1) / sqrt(len(losses))
+
     return float(np.mean(losses)), float(error), float(20 * np.log10(with_wrap / without))
 
 

@@ -91,19 +91,24 @@ def with_networkx(side: int) -> Callable[[], float]:
     import networkx
 
     radio_map, start, goal = _task(side)
-    feasible, cell_size = radio_map.feasible(TARGET_DB), radio_map.grid.cell_size
+    feasible = radio_map.feasible(TARGET_DB)
+    cell_size = radio_map.grid.cell_size
 
     def run() -> float:
         graph = networkx.Graph()
         for di, dj, length in ((1, 0, 1.0), (0, 1, 1.0), (1, 1, 2**0.5), (1, -1, 2**0.5)):
             i, j = np.nonzero(feasible)
             on_map = (i + di < side) & (j + dj < side) & (j + dj >= 0)
-            i, j = i[on_map], j[on_map]
+            i = i[on_map]
+            j = j[on_map]
             both = feasible[i + di, j + dj]
-            one, other = i * side + j, (i + di) * side + j + dj
+            one = i * side + j
+            other = (i + di) * side + j + dj
             graph.add_weighted_edges_from(
-                (a, b, length) for a, b in zip(one[both].tolist(), other[both].tolist(), strict=False)
+                (a, b, length)
+                for a, b in zip(one[both].tolist(), other[both].tolist(), strict=False)
             )
+
         ends = start[0] * side + start[1], goal[0] * side + goal[1]
         return float(networkx.bidirectional_dijkstra(graph, *ends)[0]) * cell_size
 
@@ -115,7 +120,8 @@ def with_scikit_image(side: int) -> Callable[[], float]:
     from skimage.graph import MCP_Geometric
 
     radio_map, start, goal = _task(side)
-    feasible, cell_size = radio_map.feasible(TARGET_DB), radio_map.grid.cell_size
+    feasible = radio_map.feasible(TARGET_DB)
+    cell_size = radio_map.grid.cell_size
 
     def run() -> float:
         search = MCP_Geometric(np.where(feasible, 1.0, np.inf))
@@ -152,13 +158,16 @@ def measure(task: str, side: int) -> ScalingCost:
     fresh one.
     """
     run = TASKS[task](side)
-    seconds, found = [], None
+    seconds = []
+    found = None
+
     while len(seconds) < 3 or (sum(seconds) < 1.0 and len(seconds) < 50):
         began = perf_counter()
         found = run()
         seconds.append(perf_counter() - began)
         if sum(seconds) > 20:
             break
+
     return ScalingCost(task, side * side, min(seconds), peak_memory() / MIB, found)
 
 
@@ -182,18 +191,22 @@ def measure_all(
 ) -> dict[str, Any]:
     """All costs, each in a process of its own, one after the other, and what they were measured on."""
     costs = []
+
     for task in TASKS:
         for side in sides if task != "imports alone" else (0,):
             if (task, side) in LEFT_OUT:
                 continue
+
             context = multiprocessing.get_context("spawn")
             with ProcessPoolExecutor(
                 1, context, signal.signal, (signal.SIGINT, signal.SIG_DFL)
             ) as pool:
                 costs.append(pool.submit(measure, task, side).result())
+
             report(
                 f"{task}, {side * side:,} cells: {costs[-1].seconds:.4g} s, {costs[-1].peak_mib:.0f} MiB"
             )
+
     packages = {name: version(name) for name in ("numpy", "scipy", "networkx", "scikit-image")}
     machine = {
         "processor": _processor(),
@@ -201,6 +214,7 @@ def measure_all(
         "python": platform.python_version(),
         **packages,
     }
+
     return {"machine": machine, "costs": [asdict(cost) for cost in costs]}
 
 

@@ -24,13 +24,17 @@ gain. A single value means that the rounding has no part in it.
 
 def claims_section(claims: Sequence[Claim]) -> str:
     """The table of claims and its notes."""
-    rows, notes = [], []
+    rows = []
+    notes = []
+
     for claim in claims:
         if claim.remark:
             notes.append(f"{len(notes) + 1}. {claim.remark}")
+
         mark = f" ({len(notes)})" if claim.remark else ""
         ours = claim.ours if len(claim.ours) > 1 else (*claim.ours, "", "")
         rows.append((claim.text + mark, claim.printed, *ours, claim.difference, claim.verdict))
+
     header = (
         "the paper says",
         "printed",
@@ -40,6 +44,7 @@ def claims_section(claims: Sequence[Claim]) -> str:
         "difference",
         "verdict",
     )
+
     return page("## Claims", table(header, rows), "\n".join(notes))
 
 
@@ -101,6 +106,7 @@ def corrections_section(
         (f"{bits} bit", f"{mean:.4f} ± {error:.4f}", f"{exact:.4f}")
         for bits, (mean, error, exact) in lost.items()
     ]
+
     return page(
         "## Corrections, by drawn channels",
         "Rician channels of every element are drawn one by one, in the cell where the two formulas differ most, and "
@@ -126,6 +132,7 @@ def open_choices_section(study: Study) -> str:
     ]
     variants += [(chosen.elements_per_subsurface, pitch) for pitch in (0.05, 0.2, 0.25, 0.5)]
     rows = []
+
     for shape, pitch in variants:
         panel = chosen.model_copy(
             update={"elements_per_subsurface": shape, "pitch_wavelengths": pitch}
@@ -143,6 +150,7 @@ def open_choices_section(study: Study) -> str:
             else f"not by M = {element_counts(other, 2 * ROWS)[-1]:,}",
         )
         rows.append(tuple(f"**{cell}**" for cell in row) if is_chosen else row)
+
     header = (
         "sub-surface",
         "pitch (wavelengths)",
@@ -150,6 +158,7 @@ def open_choices_section(study: Study) -> str:
         "1 bit up to (dB)",
         "more elements",
     )
+
     return page(
         "## What the paper leaves open",
         "The pitch of the elements and the shape of a sub-surface are not in the paper. They are free parameters here, "

@@ -34,6 +34,7 @@ def dips_of_map(study: Study, scheme: Scheme, target_db: float) -> Dips:
     both = np.concatenate(pairs)
     on_map = np.all((both[:, 1] >= 0) & (both[:, 1] < feasible.shape), axis=1)
     both = both[on_map]
+
     return _dips(study, scheme, target_db, both[feasible[tuple(both[:, 1].T)]])
 
 
@@ -52,4 +53,5 @@ def _dips(study: Study, scheme: Scheme, target_db: float, moves: NDArray[np.int6
     lowest = study.gain_at(ends[:, :1] * (1 - share) + ends[:, 1:] * share, scheme).min(axis=1)
     # the ends are feasible: rounding must not make them dip
     is_dip = lowest < target_db - 1e-9
+
     return Dips(len(moves), int(is_dip.sum()), float(target_db - lowest.min(initial=target_db)))

@@ -67,6 +67,7 @@ class Study:
         """Map of a scheme, with so many elements on each panel; None: as the scene says."""
         if not scheme.has_irs:
             elements = 0
+
         continuous = self.scene.model_copy(
             update={"phase_bits": None}
         )  # the scheme says the resolution, not the scene
@@ -110,6 +111,7 @@ class Study:
         )
         flat = places.reshape(-1, 3)
         gains = [channel(scene, ap, flat).expected_gain(Hardware()) for ap in scene.access_points]
+
         return linear_to_db(np.max(gains, axis=0)).reshape(points.shape[:-1])
 
 

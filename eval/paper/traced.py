@@ -51,15 +51,18 @@ def write_meshes(scene: Scene, folder: Path) -> dict[str, list[Path]]:
     room = scene.room
     meshes = {"room": [folder / "room.ply"], "obstacle": []}
     write_box(meshes["room"][0], (*room.lower, 0.0), (*room.upper, room.height), is_room=True)
+
     for n, box in enumerate(scene.obstacles):
         meshes["obstacle"].append(folder / f"obstacle_{n}.ply")
         write_box(meshes["obstacle"][-1], box.lower, box.upper)
+
     return meshes
 
 
 def inside(scene: Scene, position: tuple[float, float, float]) -> list[float]:
     """A position, moved off the walls."""
-    low, high = np.array([*scene.room.lower, 0.0]), np.array([*scene.room.upper, scene.room.height])
+    low = np.array([*scene.room.lower, 0.0])
+    high = np.array([*scene.room.upper, scene.room.height])
     return np.clip(position, low + INSET_M, high - INSET_M).tolist()
 
 
@@ -74,6 +77,7 @@ def trace(scene: Scene, cell_size: float, samples: int, max_depth: int, seed: in
     grid = scene.grid(cell_size)
     world = rt.load_scene()
     world.frequency = scene.carrier_ghz * 1e9
+
     with TemporaryDirectory() as folder:
         for part, paths in write_meshes(scene, Path(folder)).items():
             material, thickness = MATERIALS[part]
@@ -83,11 +87,13 @@ def trace(scene: Scene, cell_size: float, samples: int, max_depth: int, seed: in
                 for path in paths
             ]
             world.edit(add=objects)
+
     world.tx_array = world.rx_array = rt.PlanarArray(
         num_rows=1, num_cols=1, pattern="iso", polarization="V"
     )
     for n, point in enumerate(scene.access_points):
         world.add(rt.Transmitter(f"access-point-{n}", position=inside(scene, point.position)))
+
     middle = [
         (low + high) / 2 for low, high in zip(scene.room.lower, scene.room.upper, strict=True)
     ]
@@ -103,4 +109,5 @@ def trace(scene: Scene, cell_size: float, samples: int, max_depth: int, seed: in
         diffraction=True,
         seed=seed,
     )
+
     return from_sionna(result, ~is_in_footprint(grid.centres(), scene.boxes))

@@ -23,6 +23,7 @@ def draw_curves(algorithms: Mapping[str, Sequence[Curve]]) -> bytes:
     """
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)
+
     for n, (name, curves) in enumerate(algorithms.items()):
         style = {"color": f"C{n % 10}", "linestyle": DASHES[n % len(DASHES)], "linewidth": 1.8}
         steps, spl = align(curves)
@@ -32,6 +33,7 @@ def draw_curves(algorithms: Mapping[str, Sequence[Curve]]) -> bytes:
         )
         left.fill_between(steps, low, high, color=style["color"], alpha=0.2, linewidth=0)
         _draw_arrivals(right, curves, style)
+
     left.set(
         xlabel="training steps", ylabel="SPL of the tested policy", ylim=(-0.03, 1.03), xscale="log"
     )
@@ -42,9 +44,12 @@ def draw_curves(algorithms: Mapping[str, Sequence[Curve]]) -> bytes:
         xscale="log",
     )
     right.yaxis.set_major_formatter(PercentFormatter(1.0))
+
     for axes in (left, right):
         axes.grid(alpha=0.3)
+
     add_legend(figure, left.get_legend_handles_labels()[0])
+
     return as_png(figure, dpi=110, in_palette=True)
 
 

@@ -37,6 +37,7 @@ def draw_path_overlay(
     bar = figure.colorbar(image, ax=axes, label="expected channel gain (dB)")
     bar.ax.axhline(world.target_db, color="white", linewidth=4)
     bar.ax.axhline(world.target_db, color="black", linewidth=1.5)
+
     for n, (name, episode) in enumerate(paths.items()):
         points = world.radio_map.grid.centres()[tuple(episode.path.T)]
         label = f"{name}: {episode.distance:.3f} m" + (
@@ -45,6 +46,7 @@ def draw_path_overlay(
         line = axes.plot(*points.T, label=label, solid_capstyle="round", **_style(n))[0]
         if n == 0:
             line.set_path_effects(RIM)
+
     draw_ends(axes, world)
     handles, _ = axes.get_legend_handles_labels()
     handles += [
@@ -53,6 +55,7 @@ def draw_path_overlay(
     ]
     add_legend(figure, handles)
     axes.set(title=_title(world), xlabel="x (m)", ylabel="y (m)")
+
     return as_png(figure, dpi, in_palette=in_palette)
 
 
@@ -71,7 +74,8 @@ def _style(n: int) -> dict[str, Any]:
 
 def draw_map(axes: Axes, world: World) -> AxesImage:
     """Gain in colour, obstacles in black, cells below the target pale and hatched."""
-    grid, gain_db = world.radio_map.grid, world.radio_map.gain_db
+    grid = world.radio_map.grid
+    gain_db = world.radio_map.gain_db
     (left, bottom), (right, top) = grid.origin, grid.upper
     free = world.radio_map.free
     image = axes.imshow(
@@ -89,6 +93,7 @@ def draw_map(axes: Axes, world: World) -> AxesImage:
         axes.add_patch(
             PathPatch(shape, facecolor=(1, 1, 1, 0.55), edgecolor="0.35", hatch="////", linewidth=0)
         )
+
     return image
 
 
@@ -113,6 +118,7 @@ def draw_ends(axes: Axes, world: World, size: float = 10.0) -> None:
         marks.append(
             ("IRS", "P", "tab:cyan", [each.position[:2] for each in world.scene.irs_panels])
         )
+
     for label, marker, colour, points in marks:
         if points:
             x, y = zip(*points, strict=True)
@@ -141,4 +147,5 @@ def _title(world: World) -> str:
             else f"{task.phase_bits}-bit phases ({task.quantiser})"
         )
         radio = f"scene {world.scene.name!r} with IRS, {phases}"
+
     return f"{radio}, target {world.target_db:g} dB"

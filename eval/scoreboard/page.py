@@ -54,6 +54,7 @@ def markdown(board: Mapping[str, Any], figures: str) -> str:
         **{**board, "runs": len(board["runs"]), "commands": commands}
     )
     problems = [_problem(each, figures) for each in board["problems"]]
+
     return page(
         introduction, "## At a glance", _glance(board), OVERALL, _overall(board), *problems, _left_out(board),
         origin(board),
@@ -77,10 +78,13 @@ def runs_table(board: Mapping[str, Any]) -> str:
 
 def _glance(board: Mapping[str, Any]) -> str:
     """Seeds at the optimum, and the median time, for each problem and algorithm."""
-    names, rows = list(board["settings"]), []
+    names = list(board["settings"])
+    rows = []
+
     for problem in board["problems"]:
         found = {row["name"]: row for row in problem["standings"] if row["kind"] == "learned"}
         rows.append((text(problem["label"]), *(_glimpse(found.get(name)) for name in names)))
+
     return "Seeds at the optimum, and median time to it.\n\n" + table(
         ("problem", *map(text, names)), rows
     )
@@ -89,6 +93,7 @@ def _glance(board: Mapping[str, Any]) -> str:
 def _glimpse(row: Mapping[str, Any] | None) -> str:
     if row is None or not row["estimates"]:
         return "–"
+
     seconds = row["estimates"]["seconds_to_optimum"]["value"]
     return f"{count_of(row, 'at_optimum')}, {'never' if seconds is None else f'{_number(seconds, 0)} s'}{_missing(row)}"
 
@@ -125,9 +130,11 @@ def seed_scores_table(standings: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _row(standing: Mapping[str, Any]) -> tuple[str, ...]:
-    found, seeds = standing["estimates"], len(standing["seeds"])
+    found = standing["estimates"]
+    seeds = len(standing["seeds"])
     if not found:
         return text(standing["name"]), f"0{_missing(standing)}", *("–" for _ in HEADS[2:])
+
     count = (
         f"{seeds}{_missing(standing)}"
         if standing["kind"] == "learned"
@@ -143,6 +150,7 @@ def _row(standing: Mapping[str, Any]) -> tuple[str, ...]:
     clocks = ["", ""]
     if standing["kind"] == "learned":
         clocks = [_cell(found["steps_to_optimum"], None), _cell(found["seconds_to_optimum"], 0)]
+
     return text(standing["name"]), count, *shares, *cells, _cell(found["refused"], 1), *clocks
 
 
@@ -161,6 +169,7 @@ def count_of(standing: Mapping[str, Any], key: str) -> str:
 def _cell(found: Mapping[str, Any] | None, digits: int | None) -> str:
     if found is None:
         return "–"
+
     number = _count(found["value"]) if digits is None else _number(found["value"], digits)
     return (
         f"{number} †" if found["note"] == "all seeds equal" else f"{number}{_below(found, digits)}"
@@ -170,6 +179,7 @@ def _cell(found: Mapping[str, Any] | None, digits: int | None) -> str:
 def _below(found: Mapping[str, Any], digits: int | None) -> str:
     if found["interval"] is None:
         return ""
+
     low, high = (
         _count(each) if digits is None else _number(each, digits) for each in found["interval"]
     )
@@ -187,6 +197,7 @@ def _count(value: float | None) -> str:
     """A number of steps with three digits, in thousands or millions."""
     if value is None:
         return "∞"
+
     factor, prefix = (1e6, " M") if value >= 999_500 else (1e3, " k")
     return f"{value / factor:.3g}{prefix}"
 
@@ -202,6 +213,7 @@ def _caption(name: str) -> str:
 def _left_out(board: Mapping[str, Any]) -> str:
     if not board["left_out"]:
         return "## Runs left out\n\nNone: every run below the folder is on the board."
+
     rows = [(code(each["folder"]), *(text(each[name] or "") for name in ("problem", "policy", "reason")))
             for each in board["left_out"]]  # fmt: skip
     return "## Runs left out\n\n" + table(("folder", "problem", "policy", "why"), rows)
@@ -215,6 +227,7 @@ def origin(board: Mapping[str, Any]) -> str:
 
     commits: Sequence[str] = [text(each or "unknown") for each in board["trained_from"]]
     trained = "; ".join(listed(each) for each in board["trained_with"])
+
     return (
         f"## Where it comes from\n\nTrained from commit {', '.join(commits)} with {trained}. "
         f"Scored from commit {board['commit'] or 'unknown'} with {listed(board['versions'])}."

@@ -40,14 +40,18 @@ def html(board: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
     body = body.replace("<table>", '<div class="table"><table>').replace(
         "</table>", "</table></div>"
     )
+
     for name, content in pictures.items():
         body = body.replace(
             f'src="/{name}"', f'src="data:image/png;base64,{b64encode(content).decode()}"'
         )
+
     titles: list[str] = re.findall("<h2>(.*?)</h2>", body)
     for n, title in enumerate(titles):
         body = body.replace(f"<h2>{title}</h2>", f'<h2 id="s{n}">{title}</h2>')
+
     links = "".join(f'<a href="#s{n}">{title}</a>' for n, title in enumerate(titles))
+
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{HEAD}<style>{STYLE}</style>\n</head>\n'
         f"<body>\n<nav>{links}</nav>\n{body}</body>\n</html>\n"

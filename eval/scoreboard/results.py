@@ -109,6 +109,7 @@ class Group:
             raise RunError(
                 f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read"
             )
+
         return cls(problem, config.algorithm, settings)
 
     @property
@@ -149,6 +150,7 @@ def find_runs(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise FileNotFoundError(f"{str(folder)!r} is not a folder")
+
     found = {
         file.parent for name in ("config.json", "manifest.json") for file in folder.rglob(name)
     }
@@ -168,6 +170,7 @@ def read_results(
     results: list[Result] = []
     left_out: list[LeftOut] = []
     seen: dict[tuple[Group, int], Path] = {}
+
     for folder in folders:
         group = None
         try:
@@ -176,10 +179,12 @@ def read_results(
             same = seen.get((group, run.config.seed))
             if same is not None:
                 raise RunError(f"repeats seed {run.config.seed} of {same}")
+
             results.append(read_result(run, model))
             seen[group, run.config.seed] = folder
         except Exception as error:
             left_out.append(LeftOut.of(folder, error, group))
+
     return results, left_out
 
 
@@ -194,23 +199,27 @@ def read_result(run: Run, model: str = "best") -> Result:
         Where the run has not ended, is damaged, or its policy no longer does what its manifest
         says.
     """
-    manifest, config = run.manifest, run.config
+    manifest = run.manifest
+    config = run.config
     if manifest.status == "failed":
         raise RunError(f"has failed: {manifest.error}")
     if manifest.status not in COMPLETE:
         raise RunError(f"has not ended: its status is {manifest.status!r}")
+
     episode = roll_out(run.load_model(model), evaluation_env(run.task))
     told = manifest.models[model].ratio
     if not _is_close(episode.ratio, told):
         raise RunError(
             f"its {model} policy now has the ratio {episode.ratio}, and {told} in the manifest"
         )
+
     return Result(run, config, problem_of(run.task), episode, _read_curve(run))
 
 
 def _read_curve(run: Run) -> Curve:
     rows = read_curve(run)
     path = run.folder / "learning_curve.csv"
+
     try:
         steps, seconds, spl = (
             np.array([float(row[name]) for row in rows]) for name in ("steps", "seconds", "spl")
@@ -227,6 +236,7 @@ def _read_curve(run: Run) -> Curve:
         raise RunError(
             f"{str(path)!r} is damaged: steps or seconds go back, or a score is out of its range"
         )
+
     return Curve(steps, seconds, spl, ratio <= 1.0 + TOLERANCE)
 
 
@@ -235,12 +245,15 @@ def read_curve(run: Run) -> list[dict[str, str]]:
     cannot be read.
     """
     path = run.folder / "learning_curve.csv"
+
     try:
         rows = list(csv.DictReader(read_file(path, CURVE_BYTES).decode().splitlines()))
     except (ValueError, csv.Error) as error:
         raise RunError(f"{str(path)!r} is damaged: {error}") from None
+
     if not rows:
         raise RunError(f"{str(path)!r} holds no test")
+
     return rows
 
 

@@ -58,12 +58,11 @@ class ReturnVariance:
 
 def return_variances(world: World, gammas: Sequence[float]) -> list[ReturnVariance]:
     """The outlook from a world's start to its goal under each discount."""
-    moves, start = (
-        transition(world, world.goal),
-        int(np.ravel_multi_index(world.start, world.feasible.shape)),
-    )
+    moves = transition(world, world.goal)
+    start = int(np.ravel_multi_index(world.start, world.feasible.shape))
     shortest = float(tabulate(world, world.goal).distance_to_go[world.start])
     found = []
+
     for gamma in gammas:
         ratios = best_ratios(world, gamma)
         spread = random_spread(moves, gamma, start)
@@ -73,6 +72,7 @@ def return_variances(world: World, gammas: Sequence[float]) -> list[ReturnVarian
                 gamma, float(ratios[world.start]), count_longer(ratios), spread, episodes
             )
         )
+
     return found
 
 
@@ -92,19 +92,25 @@ def best_ratios(world: World, gamma: float) -> Floats:
     best = action_values(moves, optimal_values(moves, gamma, start), gamma)
     choice = (best >= best.max(axis=1, keepdims=True) - _TIE).argmax(axis=1)
     every = np.arange(len(best))
-    ahead, moved = moves.next_cell[every, choice], moves.moved[every, choice]
+    ahead = moves.next_cell[every, choice]
+    moved = moves.moved[every, choice]
 
     # All robots at once; who has not arrived after as many moves as there are cells goes in a
     # circle.
     goal = int(np.ravel_multi_index(world.goal, world.feasible.shape))
-    at, length = every.copy(), np.zeros(len(best))
+    at = every.copy()
+    length = np.zeros(len(best))
+
     for _ in every:
         under_way = np.flatnonzero(is_start & (at != goal))
         if not len(under_way):
             break
+
         length[under_way] += moved[at[under_way]]
         at[under_way] = ahead[at[under_way]]
+
     length[at != goal] = np.inf
+
     return np.divide(length, to_go, out=np.full(len(best), np.nan), where=is_start).reshape(
         world.feasible.shape
     )
@@ -124,7 +130,9 @@ def optimal_values(moves: Transition, gamma: float, start: int) -> Floats:
     Values of other cells mean nothing: at a discount of 1 those that the goal cannot be reached
     from have none.
     """
-    values, seen = np.zeros(len(moves.next_cell)), reached(moves, start)
+    values = np.zeros(len(moves.next_cell))
+    seen = reached(moves, start)
+
     while True:  # to an end: going in circles costs, and the goal can be reached
         better = action_values(moves, values, gamma).max(axis=1)
         is_still = np.abs(better - values)[seen].max() <= _TIE / 1e3
@@ -148,11 +156,9 @@ def random_spread(moves: Transition, gamma: float, start: int) -> float:
     seen = reached(moves, start)  # elsewhere, a discount of 1 has no finite return
     place = np.zeros(len(moves.next_cell), dtype=np.int64)
     place[seen] = np.arange(len(seen))
-    reward, ahead, goes_on = (
-        moves.reward[seen],
-        place[moves.next_cell[seen]],
-        ~moves.is_terminated[seen],
-    )
+    reward = moves.reward[seen]
+    ahead = place[moves.next_cell[seen]]
+    goes_on = ~moves.is_terminated[seen]
     cells, actions = ahead.shape
     rows = np.repeat(np.arange(cells), actions)
     onward = csr_array((goes_on.ravel() / actions, (rows, ahead.ravel())), shape=(cells, cells))
@@ -161,6 +167,7 @@ def random_spread(moves: Transition, gamma: float, start: int) -> float:
     known = (reward**2 + 2.0 * gamma * reward * goes_on * first[ahead]).mean(axis=1)
     second = spsolve((unit - gamma**2 * onward).tocsc(), known)
     at = int(place[start])
+
     return float(np.sqrt(max(second[at] - first[at] ** 2, 0.0)))
 
 
@@ -170,8 +177,10 @@ def reached(moves: Transition, start: int) -> NDArray[np.int64]:
     """
     seen = np.zeros(len(moves.next_cell), dtype=bool)
     seen[start], new = True, np.array([start])
+
     while len(new):
         ahead = np.unique(moves.next_cell[new][~moves.is_terminated[new]])
         new = ahead[~seen[ahead]]
         seen[new] = True
+
     return np.flatnonzero(seen)

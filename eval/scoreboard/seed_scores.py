@@ -89,8 +89,10 @@ def finite(value: float) -> float | None:
 def learned(name: str, results: Sequence[Result], left_out: int) -> SeedScores:
     """Standing of one group of runs; it has no estimates where all its runs are left out."""
     estimates = _of_episodes([each.episode for each in results]) if results else {}
+
     for clock in ("steps_to_optimum", "seconds_to_optimum") if results else ():
         estimates[clock] = estimate([getattr(each, clock) for each in results], median)
+
     return SeedScores(name, "learned", tuple(each.seed for each in results), left_out, estimates)
 
 
@@ -99,17 +101,21 @@ def references(
 ) -> tuple[dict[str, EpisodeResult], list[SeedScores]]:
     """Each reference policy's first episode on the problem of a run, and its standing."""
     env = evaluation_env(result.run.task)
-    first, standings = {}, []
+    first = {}
+    standings = []
+
     for name, played in play_references(env, {}, episodes, seed).items():
         estimates = _of_episodes(played)
         if name not in RANDOM:
             estimates = {
                 key: replace(each, low=None, high=None, note="") for key, each in estimates.items()
             }
+
         first[name] = played[0]
         standings.append(
             SeedScores(name.replace("_", " "), "reference", tuple(range(len(played))), 0, estimates)
         )
+
     return first, standings
 
 
@@ -124,12 +130,14 @@ def overall(name: str, groups: Sequence[Sequence[Result]], problems: int) -> dic
     found: dict[str, Any] = {"name": name, "problems": len(groups), "of": problems, "seeds": seeds}
     runs = [each for results in groups for each in results]
     found["at_optimum"] = {"runs": sum(each.episode.is_optimal for each in runs), "of": len(runs)}
+
     for score, value in METRICS.items():
         table = [[value(episodes[seed]) for episodes in by_seed] for seed in seeds]
         for aggregate, statistic in AGGREGATES.items():
             found[f"{score}_{aggregate}"] = (
                 estimate_as_json(estimate(table, statistic)) if seeds else None
             )
+
     return found
 
 
@@ -140,21 +148,25 @@ def group_names(groups: Sequence[Group]) -> dict[Group, str]:
     The usual one is that with the fewest differences from all others.
     """
     names = {}
+
     for algorithm in dict.fromkeys(each.algorithm for each in groups):
         same = [each for each in groups if each.algorithm == algorithm]
         usual = min(same, key=lambda one: sum(len(_differences(one, other)) for other in same))
+
         for group in same:
             words = [
                 f"{name.partition('.')[2]} {value}"
                 for name, value in _differences(group, usual).items()
             ]
             names[group] = ", ".join([TITLES[algorithm], *words])
+
     return names
 
 
 def _differences(group: Group, other: Group) -> dict[str, Any]:
     """The settings of a group that another one does not share."""
-    values, others = group.values, other.values
+    values = group.values
+    others = other.values
     return {
         name: value for name, value in values.items() if name not in others or others[name] != value
     }
@@ -172,4 +184,5 @@ def _of_episodes(episodes: Sequence[EpisodeResult]) -> dict[str, Estimate]:
         estimates |= {
             f"{score}_{name}": estimate(values, statistic) for name, statistic in AGGREGATES.items()
         }
+
     return estimates

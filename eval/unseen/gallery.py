@@ -42,6 +42,7 @@ def draw_gallery(sceneries: Sequence[Scenery]) -> bytes:
     rows = -(-len(sceneries) // COLUMNS)
     figure = Figure(figsize=(3.0 * COLUMNS, 3.35 * rows + 0.4), layout="constrained")
     axes = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
+
     for each, place in zip(sceneries, axes, strict=False):
         draw_map(place, each.world)
         centres = each.world.radio_map.grid.centres()
@@ -57,7 +58,10 @@ def draw_gallery(sceneries: Sequence[Scenery]) -> bytes:
             f"{literal(each.policy)}\n{literal(each.scene)}: {result}", fontsize="small"
         )
         place.set(xticks=[], yticks=[])
+
     for place in axes[len(sceneries) :]:
         place.set_visible(False)
+
     add_legend(figure, axes[0].get_legend_handles_labels()[0])
+
     return as_png(figure, dpi=80, in_palette=True)

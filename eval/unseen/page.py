@@ -85,13 +85,15 @@ def markdown(record: Mapping[str, Any], figures: str) -> str:
     by_track = {
         track: [each for each in shown if each["track"] == track] for track in ("map", "local")
     }
-    local_sets, found = record["sets"]["local"], record["throughput"]
+    local_sets = record["sets"]["local"]
+    found = record["throughput"]
     introduction = INTRODUCTION.format(
         commands="\n".join(f"    {each}" for each in record["commands"] if each),
         sets=_sets(record["sets"]["map"]),
         hard=record["hard"],
     )
     steps = {name: rate / 1e6 for name, rate in found["steps_per_second"].items()}
+
     return page(
         introduction,
         MAP, _scores(by_track["map"]), _elsewhere(by_track["map"], record["sets"]["map"]),
@@ -110,6 +112,7 @@ def draw_scenes_curve(entrants: Sequence[Mapping[str, Any]]) -> bytes:
     """Test SPL of the planning network over the number of training scenes: the mean and each seed."""
     figure = Figure(figsize=(6.0, 3.2), layout="constrained")
     axes = figure.add_subplot()
+
     for subset, colour in (("all", "C0"), ("hard", "C1")):
         points = [
             (each["training_scenes"], each["sets"]["test"].get(subset))
@@ -118,13 +121,16 @@ def draw_scenes_curve(entrants: Sequence[Mapping[str, Any]]) -> bytes:
         points = [(scenes, found) for scenes, found in points if found]
         axes.plot(*zip(*((n, found["spl"]["value"]) for n, found in points), strict=True), "o-", color=colour,
                   label=f"{subset} test scenes") if points else None  # fmt: skip
+
         for n, found in points:
             axes.plot(
                 [n] * len(found["spl_by_seed"]), found["spl_by_seed"], ".", color=colour, alpha=0.4
             )
+
     axes.set(xscale="log", xlabel="training scenes", ylabel="SPL")
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")
+
     return as_png(figure, dpi=110, in_palette=True)
 
 
@@ -168,14 +174,17 @@ def _scores(entrants: Sequence[Mapping[str, Any]]) -> str:
         "SPL, hard",
     ]
     rows = []
+
     for each in entrants:
-        whole, hard = each["sets"]["test"]["all"], each["sets"]["test"].get("hard")
+        whole = each["sets"]["test"]["all"]
+        hard = each["sets"]["test"].get("hard")
         row = [text(each["name"]), _whole(each["training_scenes"]), len(each["seeds"]) or "", _cell(whole["success"]),
                _cell(whole["spl"]), _number(whole["ratio"]), f"{whole['exact']:.3f}",
                *([_cell(hard["success"]), _cell(hard["spl"])] if hard else ["–", "–"])]  # fmt: skip
         row += [_cell(whole.get("over_replanning"), sign="+")] if is_local else []
         row += [_whole(each["steps_per_second"]), _whole(each["seconds"])]
         rows.append(row)
+
     return table([*heads, *(["over replanning"] if is_local else []), "steps/s", "seconds"], rows)
 
 
@@ -184,6 +193,7 @@ def _elsewhere(entrants: Sequence[Mapping[str, Any]], sets: Mapping[str, Any]) -
     names = [name for name in sets if name not in ("test", "paper")]
     is_local = any("over_replanning" in each["sets"]["test"]["all"] for each in entrants)
     rows = []
+
     for each in entrants:
         row = [text(each["name"])]
         for name in names:
@@ -191,12 +201,16 @@ def _elsewhere(entrants: Sequence[Mapping[str, Any]], sets: Mapping[str, Any]) -
             if found is None:
                 row.append("–")
                 continue
+
             whole = found["all"]
             row.append(f"{whole['success']['value']:.3f}, {_cell(whole['spl'])}")
             if is_local:
                 row.append(_cell(whole.get("over_replanning"), sign="+"))
+
         rows.append(row)
+
     heads = [head for name in names for head in ([name, "over replanning"] if is_local else [name])]
+
     return "Success and SPL on scenes of other kinds.\n\n" + table(["policy", *heads], rows)
 
 
@@ -227,6 +241,7 @@ def _curve(entrants: Sequence[Mapping[str, Any]]) -> str:
 def _left_out(left_out: Sequence[Mapping[str, Any]]) -> str:
     if not left_out:
         return "## Runs left out\n\nNone: every run below the folder is on the page."
+
     rows = [(code(each["folder"]), text(each["reason"])) for each in left_out]
     return "## Runs left out\n\n" + table(("folder", "why"), rows)
 
@@ -234,12 +249,15 @@ def _left_out(left_out: Sequence[Mapping[str, Any]]) -> str:
 def _cell(found: Mapping[str, Any] | None, sign: str = "") -> str:
     if found is None:
         return "–"
+
     value = f"{found['value']:{sign}.4f}"
     if found["note"] == "all seeds equal":
         return f"{value} †"
     if found["interval"] is None:
         return value
+
     low, high = found["interval"]
+
     return f"{value}<br><sub>{low:{sign}.4f} to {high:{sign}.4f}</sub>"
 
 

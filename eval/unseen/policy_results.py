@@ -83,7 +83,9 @@ class PolicyResult:
 
 def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
     """Complete runs over many scenes below a folder, and the others."""
-    runs, left_out = [], []
+    runs = []
+    left_out = []
+
     for each in find_runs(folder):
         try:
             run = Run.open(each)
@@ -93,10 +95,12 @@ def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
                 )
             if run.manifest.status not in COMPLETE:
                 raise ValueError(f"has not ended: its status is {run.manifest.status!r}")
+
             _check(run)
             runs.append(run)
         except Exception as error:
             left_out.append(LeftOut.of(each, error))
+
     return runs, left_out
 
 
@@ -105,16 +109,20 @@ def pace(run: Run) -> tuple[float, float]:
     cannot be read.
     """
     last = read_curve(run)[-1]
+
     try:
-        steps, seconds = float(last["steps"]), float(last["seconds"])
+        steps = float(last["steps"])
+        seconds = float(last["seconds"])
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(
             f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {error!r}"
         ) from None
+
     if not (0 <= steps < inf and 0 < seconds < inf):
         raise RunError(
             f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {steps} steps in {seconds} seconds"
         )
+
     return steps, seconds
 
 
@@ -136,11 +144,13 @@ def result_of_runs(
     # PyTorch works outside of the interpreter's lock. Of its own threads one each is enough: more
     # wait for each other.
     threads = ThreadPoolExecutor(jobs, initializer=partial(torch.set_num_threads, 1))
+
     try:
         playing = [
             threads.submit(_play, run, pools[track_of(run.config.algorithm)]) for run in in_order
         ]
         shown = track(playing, title or "", transient=True, disable=title is None)
+
         for run, played in zip(in_order, shown, strict=True):
             try:
                 key = run.config.algorithm, _settings(run)
@@ -151,6 +161,7 @@ def result_of_runs(
                 groups.setdefault(key, []).append((run, episodes))
     finally:
         threads.shutdown(wait=False, cancel_futures=True)  # a Ctrl-C does not wait for them
+
     entrants = []
     for (algorithm, settings), found in groups.items():
         others = [json.loads(other) for name, other in groups if name == algorithm]
@@ -164,8 +175,10 @@ def result_of_runs(
                 episodes={name: [each[name] for _, each in found] for name in found[0][1]},
             )
         )
+
     order = list(TITLES)
     entrants.sort(key=lambda each: (order.index(each.algorithm), each.name, each.scenes or 0))
+
     return entrants, left_out
 
 
@@ -198,12 +211,15 @@ def kept(file: Path, pool: SceneSet, model: str, player: Player) -> SceneSetResu
     kept_before = _read_episodes(file, key, pool)
     if kept_before is not None:
         return kept_before
-    found, content = player.episodes(pool), BytesIO()
+
+    found = player.episodes(pool)
+    content = BytesIO()
     np.savez_compressed(
         content, key=np.array(key), is_success=found.is_success, distance=found.distance
     )
     file.parent.mkdir(parents=True, exist_ok=True)
     write_file(file, content.getvalue())
+
     return found
 
 
@@ -213,7 +229,9 @@ def _read_episodes(file: Path, key: str, pool: SceneSet) -> SceneSetResults | No
         arrays = read_arrays(file, needed=("key", "is_success", "distance"))
     except (OSError, ValueError):
         return None
-    is_success, distance = arrays["is_success"], arrays["distance"]
+
+    is_success = arrays["is_success"]
+    distance = arrays["distance"]
     is_whole = is_success.shape == distance.shape == (len(pool),) and (
         is_success.dtype,
         distance.dtype,
@@ -229,6 +247,7 @@ def _read_episodes(file: Path, key: str, pool: SceneSet) -> SceneSetResults | No
         return None
     if arrays["key"].tolist() != key:
         return None
+
     return SceneSetResults(is_success, distance, pool.oracle_distance)
 
 
@@ -239,6 +258,7 @@ def _check(run: Run) -> None:
         raise RunError(f"num_scenes={scenes!r} in its config.json must be a positive integer")
     if not isinstance(run.manifest.models.get("best"), GeneralistEntry):
         raise RunError("its manifest lists no best model over many scenes")
+
     _settings(run)
     pace(run)
 
@@ -246,7 +266,10 @@ def _check(run: Run) -> None:
 def _play(run: Run, pools: Mapping[str, SceneSet]) -> dict[str, SceneSetResults]:
     if is_point(run.config.algorithm, run.config.env["num_scenes"]):
         pools = {"test": pools["test"]}
-    player, played = player_of(run), {}
+
+    player = player_of(run)
+    played = {}
+
     for name, pool in pools.items():
         try:
             played[name] = kept(
@@ -255,6 +278,7 @@ def _play(run: Run, pools: Mapping[str, SceneSet]) -> dict[str, SceneSetResults]
         except ValueError:  # a policy of SB3 sees maps of one size
             if run.config.algorithm != "map_ppo":
                 raise
+
     return played
 
 
@@ -266,6 +290,7 @@ def _settings(run: Run) -> str:
         raise RunError(
             f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read"
         )
+
     return settings
 
 
@@ -273,6 +298,7 @@ def _maker(weights: str | None) -> str | None:
     """The algorithm of the run that has trained some weights."""
     if weights is None:
         return None
+
     try:
         return f"of {Run.open(weights).config.algorithm}"
     except RunError:

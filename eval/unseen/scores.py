@@ -92,6 +92,7 @@ def player_of(run: Run, model: str = "best") -> Player:
         raise RunError(
             f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone"
         )
+
     algorithm = run.config.algorithm
     return Player(
         algorithm,
@@ -124,6 +125,7 @@ def apply(name: str, pool: SceneSet) -> SceneSetResults:
     worlds = build_worlds(RandomTask(scenes=pool))
     each = ((worlds.world(n), worlds.world(n).goal) for n in range(len(pool)))
     choices = np.stack([RULES[name](world, goal) for world, goal in each]).transpose(0, 3, 1, 2)
+
     return follow(choices.astype(np.float32), pool)
 
 
@@ -132,10 +134,10 @@ def score_of(episodes: SceneSetResults, chosen: NDArray[np.bool_] | None = None)
     chosen = np.ones(len(episodes.spl), dtype=bool) if chosen is None else chosen
     if not chosen.any():
         return UnseenScore(0, None, None, None, None)
-    success, ratio = (
-        episodes.is_success[chosen],
-        (episodes.distance / episodes.oracle_distance)[chosen],
-    )
+
+    success = episodes.is_success[chosen]
+    ratio = (episodes.distance / episodes.oracle_distance)[chosen]
+
     return UnseenScore(
         scenes=int(chosen.sum()),
         success=float(success.mean()),
@@ -181,6 +183,7 @@ def write_unseen(run: Run, model: str, found: Found) -> Path:
     }
     path = run.folder / "unseen.json"
     write_file(path, (json.dumps(record, indent=2, allow_nan=False) + "\n").encode())
+
     return path
 
 
@@ -212,8 +215,10 @@ def unseen_table(found: Found) -> Table:
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
     )
+
     for column in ("scenes", "number", "success", "SPL", "ratio", "exact"):
         rows.add_column(column, justify="left" if column == "scenes" else "right", no_wrap=True)
+
     for name, (_, whole, hard) in found.items():
         for label, each in ((name, whole), ("  hard", hard)):
             numbers = (each.success, each.spl, each.ratio, each.exact)
@@ -222,4 +227,5 @@ def unseen_table(found: Found) -> Table:
                 str(each.scenes),
                 *("–" if value is None else f"{value:.4f}" for value in numbers),
             )
+
     return rows

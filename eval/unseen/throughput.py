@@ -35,6 +35,7 @@ def _generate(scenes: int, n: int) -> float:
     begin = perf_counter()
     for seed in range(scenes):
         draw_solved_scene(np.random.default_rng([n, seed]))
+
     return scenes / (perf_counter() - begin)
 
 
@@ -43,11 +44,17 @@ def _step(robots: int, seconds: float) -> float:
     env.reset(seed=0)
     actions = np.random.default_rng(0).integers(8, size=(256, robots))
     rates = []
+
     for _ in range(ROUNDS):
-        begin, steps = perf_counter(), 0
+        begin = perf_counter()
+        steps = 0
+
         while (passed := perf_counter() - begin) < seconds:
             for each in actions:
                 env.step(each)
+
             steps += actions.size
+
         rates.append(steps / passed)
+
     return median(rates)

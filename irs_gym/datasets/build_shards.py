@@ -30,6 +30,7 @@ def build_shards(
         raise ValueError(
             f"jobs={jobs} must be 1 or more processes, or None for as many as there are processors"
         )
+
     blocks = {
         first: _recalled(folder, split, first, min(SHARD_SCENES, count - first))
         for first in range(0, count, SHARD_SCENES)
@@ -41,6 +42,7 @@ def build_shards(
         }
         title = f"{split} scenes, built once"
         hidden = None if progress is None else not progress
+
         with tqdm(
             total=count, initial=ready, desc=title, unit="scene", delay=1.0, disable=hidden
         ) as bar:
@@ -50,6 +52,7 @@ def build_shards(
                 blocks[first] = block
                 definition = definition_of(split, first, missing[first])
                 write_cached(folder, file_of(definition, split, first), block.to_bytes(definition))
+
     return Shard.joined([block for block in blocks.values() if block], count)
 
 
@@ -60,7 +63,9 @@ def _built(
     if jobs == 1:
         for first, count in missing.items():
             yield first, build_shard(split, first, count, lambda: told(1))
+
         return
+
     threads = ThreadPoolExecutor(jobs)
     try:
         waiting = {threads.submit(built_elsewhere, split, *each): each for each in missing.items()}
@@ -84,6 +89,7 @@ def built_elsewhere(split: str, first: int, count: int) -> Shard | None:
         "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)),
         "OMP_NUM_THREADS": "1",
     }
+
     try:
         done = subprocess.run(command, env=environment, capture_output=True, check=True)
         return Shard.from_bytes(done.stdout, definition_of(split, first, count))
@@ -98,13 +104,16 @@ def _recalled(folder: Path | None, split: str, first: int, count: int) -> Shard 
     for size in dict.fromkeys((SHARD_SCENES, count)):
         if first + size > split_of(split).size:
             continue
+
         definition = definition_of(split, first, size)
         content = read_cached(folder, file_of(definition, split, first))
+
         try:
             if content is not None:
                 return Shard.joined([Shard.from_bytes(content, definition)], count)
         except ValueError:  # damaged, or another's
             continue
+
     return None
 
 

@@ -15,6 +15,7 @@ def cache_folder() -> Path | None:
     given = os.environ.get("IRS_GYM_CACHE")
     if given:
         return Path(given)
+
     try:
         if sys.platform == "win32":
             folder = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
@@ -24,6 +25,7 @@ def cache_folder() -> Path | None:
             folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     except RuntimeError:  # no home
         return None
+
     return folder / "irs_gym"
 
 
@@ -41,6 +43,7 @@ def write_cached(folder: Path | None, name: str, content: bytes) -> None:
     """
     if folder is None:
         return
+
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         write_file(folder / name, content)

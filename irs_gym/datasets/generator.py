@@ -72,6 +72,7 @@ class Difficulty:
         low, high = checked_point(self.sides, "sides")
         if not 4.0 <= low <= high <= LONGEST:
             raise ValueError(f"sides={self.sides} must rise, from 4 m to {LONGEST} m at most")
+
         least, most = as_cell(
             self.boxes, "boxes", "two integers, the least and the greatest number of boxes"
         )
@@ -83,10 +84,12 @@ class Difficulty:
             or not all(each in (*_ELEMENTS,) for each in self.panels)
         ):
             raise ValueError(f"panels={self.panels} must hold some of {tuple(_ELEMENTS)}")
+
         for name in ("detour", "detour_share"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, Real):
                 raise ValueError(f"{name}={value!r} must be a number")
+
         if not 1.0 <= self.detour <= 1.5:
             raise ValueError(
                 f"detour={self.detour} must lie from 1 to 1.5: few scenes have longer ones"
@@ -137,10 +140,12 @@ def draw_solved_scene(
                 f"difficulty={difficulty!r} must be one of {tuple(DIFFICULTIES)}, or a Difficulty"
             )
         difficulty = DIFFICULTIES[difficulty]
+
     if not isinstance(rng, np.random.Generator) or not isinstance(difficulty, Difficulty):
         raise ValueError(
             f"rng={rng!r} must be a numpy.random.Generator, difficulty={difficulty!r} a name or a Difficulty"
         )
+
     # decided before anything is rejected, so that the share is kept
     detour = difficulty.detour if rng.random() < difficulty.detour_share else 0.0
     for _ in range(
@@ -150,6 +155,7 @@ def draw_solved_scene(
         found = None if scene is None else _draw_task(rng, scene, detour)
         if found is not None:
             return found
+
     raise ValueError(f"difficulty={difficulty}: none of {FACTORIES} factories has such a task")
 
 
@@ -165,7 +171,8 @@ def least_distance(room: Room) -> float:
 
 def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
     """A factory with some start and goal in it; None for a degenerate one."""
-    half_x, half_y = _step(rng, *level.sides, 0.5) / 2, _step(rng, *level.sides, 0.5) / 2
+    half_x = _step(rng, *level.sides, 0.5) / 2
+    half_y = _step(rng, *level.sides, 0.5) / 2
     room = Room(
         x_min=-half_x, x_max=half_x, y_min=-half_y, y_max=half_y, height=_step(rng, 4.0, 8.0, 0.5)
     )
@@ -186,10 +193,13 @@ def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
     floor_cells = _floor(grid, obstacles)
     if floor_cells.mean() < LEAST_FLOOR or any(_is_covered(point, obstacles) for point in mounted):
         return None
+
     ends = _draw_ends(rng, np.argwhere(floor_cells), least_distance(room) / CELL_SIZE)
     if ends is None:
         return None
+
     paper = _paper()
+
     return Scene(
         name="generated",
         room=room,
@@ -219,6 +229,7 @@ def _draw_box(rng: np.random.Generator, room: Room) -> Obstacle:
         wall = WALLS[_whole(rng, 0, 3)]
         x = {"x_min": room.x_min, "x_max": room.x_max - width}.get(wall, x)
         y = {"y_min": room.y_min, "y_max": room.y_max - depth}.get(wall, y)
+
     return Obstacle(
         center=(x + width / 2, y + depth / 2), size=(width, depth, _step(rng, 0.5, 3.0, 0.1))
     )
@@ -226,10 +237,13 @@ def _draw_box(rng: np.random.Generator, room: Room) -> Obstacle:
 
 def _draw_panel(rng: np.random.Generator, room: Room, wall: Wall, elements: Range) -> IrsPanel:
     """A panel of so many elements that fits between floor and ceiling."""
-    pitch, total = _paper().irs_panels[0].pitch_wavelengths, -1
+    pitch = _paper().irs_panels[0].pitch_wavelengths
+    total = -1
+
     while not elements[0] <= total <= elements[1]:
         shape = _whole(rng, 2, 20), _whole(rng, 2, 10), _whole(rng, 1, 2), _whole(rng, 5, 20)
         total = shape[0] * shape[1] * shape[2] * shape[3]
+
     columns, rows, *each = shape
     panel = IrsPanel(
         position=(0.0, 0.0, 0.0),
@@ -240,7 +254,9 @@ def _draw_panel(rng: np.random.Generator, room: Room, wall: Wall, elements: Rang
         pitch_wavelengths=pitch,
     )
     clearance = 0.2 + _half_height(panel)
-    low, high = ceil(10 * max(1.5, clearance)) / 10, floor(10 * (room.height - clearance)) / 10
+    low = ceil(10 * max(1.5, clearance)) / 10
+    high = floor(10 * (room.height - clearance)) / 10
+
     return panel.model_copy(update={"position": _on_wall(rng, room, wall, low, high)})
 
 
@@ -254,9 +270,11 @@ def _on_wall(rng: np.random.Generator, room: Room, wall: Wall, low: float, high:
     """A point on a wall, from ``low`` to ``high`` metres above the floor, half a metre from the
     corners at least.
     """
-    z, where = _step(rng, low, high, 0.1), float(getattr(room, wall))
+    z = _step(rng, low, high, 0.1)
+    where = float(getattr(room, wall))
     if wall.startswith("x"):
         return where, _step(rng, room.y_min + 0.5, room.y_max - 0.5, 0.1), z
+
     return _step(rng, room.x_min + 0.5, room.x_max - 0.5, 0.1), where, z
 
 
@@ -289,14 +307,18 @@ def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> Solve
     """The factory with a task whose detour is above the one given; None where none was found."""
     radio_map = build_radio_map(factory, CELL_SIZE)
     floor_cells = _floor(radio_map.grid, factory.obstacles)
-    loosest, cells = float(radio_map.gain_db[floor_cells].min()), np.argwhere(floor_cells)
+    loosest = float(radio_map.gain_db[floor_cells].min())
+    cells = np.argwhere(floor_cells)
+
     for _ in range(TRIES):
         ends = _draw_ends(rng, cells, least_distance(factory.room) / CELL_SIZE)
         if ends is None:
             continue
+
         highest = highest_feasible_target(radio_map.gain_db, *ends)
         if highest - loosest < LEAST_RANGE_DB:
             continue
+
         # rounded down, so that it stays feasible
         target_db = floor(100 * (loosest + rng.random() * (highest - loosest))) / 100
         start, goal = (radio_map.grid.centre(end) for end in ends)
@@ -304,6 +326,7 @@ def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> Solve
         solved = _solved(scene, radio_map, ends[1])
         if detour + 1e-9 < solved.detour < np.inf:  # whatever the rounding of sums
             return solved
+
     return None
 
 
@@ -322,7 +345,9 @@ def _draw_ends(
     goals = cells[np.sum((cells - start) ** 2, axis=1) >= apart**2]
     if not len(goals):
         return None
+
     goal = goals[_whole(rng, 0, len(goals) - 1)]
+
     return (int(start[0]), int(start[1])), (int(goal[0]), int(goal[1]))
 
 

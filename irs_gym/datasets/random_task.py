@@ -62,6 +62,7 @@ class RandomTask:
             )
         if self.scenes is None:
             return
+
         given = [
             name
             for name in ("split", "num_scenes")
@@ -71,6 +72,7 @@ class RandomTask:
             raise ValueError(
                 f"{', '.join(given)} cannot be given along with scenes, which takes the place of a split"
             )
+
         if not isinstance(self.scenes, str | Path | SceneSet):
             object.__setattr__(self, "scenes", _scenes(self.scenes))
 
@@ -130,8 +132,10 @@ class Worlds:
                 number = index(scene_id)
             except TypeError:
                 number = -1
+
             if 0 <= number < len(names) and not isinstance(scene_id, bool):
                 return number
+
         some = ", ".join(map(repr, names[:3])) + (f" ... {names[-1]!r}" if len(names) > 3 else "")
         raise ValueError(
             f"scene_id={scene_id!r} must be a name of a scene ({some}) or a number from 0 to {len(names) - 1}"
@@ -160,6 +164,7 @@ def build_worlds(task: RandomTask) -> Worlds:
     """
     if isinstance(task.scenes, str | Path):
         task = replace(task, scenes=load_scenes(task.scenes))
+
     return _build_worlds(task)
 
 
@@ -171,12 +176,15 @@ def _build_worlds(task: RandomTask) -> Worlds:
         pool = build_scene_set(task.split, task.num_scenes)
     else:
         pool = scene_set_of(task.scenes)  # type: ignore[arg-type]  # a folder has been read
+
     offsets = pool.start - pool.goal
     worst = int(np.argmax(pool.oracle_distance + potential(task.common, offsets, pool.cell_size)))
+
     try:
         check_bonus(task.common, float(pool.oracle_distance[worst]), offsets[worst], pool.cell_size)
     except ValueError as error:
         raise ValueError(f"scene {pool.names[worst]!r}: {error}") from None
+
     return Worlds(task, pool)
 
 
@@ -188,6 +196,7 @@ def _world(worlds: Worlds, number: int) -> World:
     task = replace(
         worlds.task.common, target_db=float(pool.target_db[number]), cell_size=pool.cell_size
     )
+
     return World(
         task=replace(task, scene=scene, phase_bits=scene.phase_bits) if scene else task,
         scene=scene,

@@ -43,8 +43,10 @@ def _image(scene: Scene, is_transposed: bool, is_mirrored_x: bool, is_mirrored_y
 
     def moved(point: Any) -> Any:
         """The image of a point; a height stays."""
-        x, y = point[0] - centre_x, point[1] - centre_y
+        x = point[0] - centre_x
+        y = point[1] - centre_y
         x, y = (y, x) if is_transposed else (x, y)
+
         return (
             centre_x + (-x if is_mirrored_x else x),
             centre_y + (-y if is_mirrored_y else y),
@@ -62,6 +64,7 @@ def _image(scene: Scene, is_transposed: bool, is_mirrored_x: bool, is_mirrored_y
 
     corners = [moved(room.lower), moved(room.upper)]
     (x_min, x_max), (y_min, y_max) = (sorted(values) for values in zip(*corners, strict=True))
+
     return scene.model_copy(
         update={
             "room": Room(x_min=x_min, x_max=x_max, y_min=y_min, y_max=y_max, height=room.height),
@@ -96,16 +99,20 @@ def _canonical(scene: Scene) -> Any:
         scene.room.y_max - scene.room.y_min,
         scene.room.height,
     )
+
     for place, parts in (
         ("center", "obstacles"),
         ("position", "access_points"),
         ("position", "irs_panels"),
     ):
         data[parts] = [{**part, place: _from(centre, part[place])} for part in data[parts]]
+
     data["start"], data["goal"] = _from(centre, scene.start), _from(centre, scene.goal)
     data = _rounded(data)
+
     for parts in ("obstacles", "access_points", "irs_panels"):
         data[parts].sort(key=lambda part: json.dumps(part, sort_keys=True))
+
     return data
 
 

@@ -118,11 +118,13 @@ def scene_set_of(
     """
     if not scenes:
         raise ValueError("scenes is empty: a pool needs one or more")
+
     names = tuple(scene.name for scene in scenes) if names is None else tuple(names)
     if len(names) != len(scenes):
         raise ValueError(
             f"names has {len(names)} entries for {len(scenes)} scenes: one for each is needed"
         )
+
     shapes = np.array(
         [_shape(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)]
     )
@@ -131,9 +133,12 @@ def scene_set_of(
     _check_memory(len(scenes), frame, f"cell_size={cell_size}, frame={frame}")
     too_large = np.flatnonzero((shapes > frame).any(axis=1))
     if len(too_large):
-        name, shape = names[too_large[0]], tuple(shapes[too_large[0]].tolist())
+        name = names[too_large[0]]
+        shape = tuple(shapes[too_large[0]].tolist())
         raise ValueError(f"scene {name!r} has {shape} cells: frame={frame} is too small")
+
     solved = [_solve(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)]
+
     return _scene_set(tuple(scenes), names, Shard.of(solved, frame), cell_size)
 
 
@@ -177,11 +182,13 @@ def build_scene_set(
         raise ValueError(
             f"num_scenes={num_scenes!r} must be a number from 1 to {size}, the scenes of {split!r}"
         )
+
     _check_memory(int(count), split_of(split).frame, f"num_scenes={count}")
     folder = cache_folder() if cache is None else Path(cache)
     block = build_shards(split, int(count), jobs=jobs, progress=progress, folder=folder)
     texts = block.texts.tolist()
     check_frozen(split, texts)
+
     return _scene_set(_Texts(texts), tuple(f"{split}-{n}" for n in range(count)), block, CELL_SIZE)
 
 

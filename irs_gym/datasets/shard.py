@@ -69,6 +69,7 @@ class Shard:
         content = BytesIO()
         said = np.array([definition.encode(), self._digest(definition)])
         np.savez_compressed(content, said=said, **{name: vars(self)[name] for name in _names()})
+
         return content.getvalue()
 
     @classmethod
@@ -81,14 +82,17 @@ class Shard:
             block = cls(**{name: arrays[name] for name in _names()})
             if arrays["said"].tolist() != [definition.encode(), block._digest(definition)]:
                 raise ValueError("it holds something else")
+
             block._check(json.loads(definition))
         except ValueError as error:
             raise ValueError(f"not the block {definition}: {error}") from None
+
         return block
 
     def _check(self, definition: dict[str, Any]) -> None:
         """Refuse arrays of other shapes or types than a block has, and cells off its maps."""
-        count, frame = definition["count"], definition["frame"]
+        count = definition["count"]
+        frame = definition["frame"]
         shapes = {"gain_db": (count, *frame), "distance_to_go": (count, *frame), "irs": (count, 3)}
         shapes |= {
             "texts": (count,),
@@ -97,10 +101,12 @@ class Shard:
             "goal": (count, 2),
         }
         kinds = {"texts": "S", "irs": "f4", "start": "i8", "goal": "i8"}
+
         for name, shape in shapes.items():
             array: NDArray[Any] = getattr(self, name)
             if array.shape != shape or not array.dtype.str[1:].startswith(kinds.get(name, "f8")):
                 raise ValueError(f"{name} has the shape {array.shape} and the type {array.dtype}")
+
         ends = np.concatenate([self.start, self.goal])
         if (ends < 0).any() or (ends >= frame).any() or not np.isfinite(self.target_db).all():
             raise ValueError("start, goal or target_db has a value that none can have")
@@ -111,6 +117,7 @@ class Shard:
             array = vars(self)[name]
             summed.update(f"{name} {array.dtype.str} {array.shape}".encode())
             summed.update(array.tobytes())
+
         return summed.hexdigest().encode()
 
 
@@ -119,9 +126,11 @@ def build_shard(
 ) -> Shard:
     """The scenes ``first`` to before ``first + count`` of a split; ``told`` is called after each."""
     solved = []
+
     for index in range(first, first + count):
         solved.append(solved_scene_of(split, index))
         told()
+
     return Shard.of(solved, split_of(split).frame)
 
 

@@ -61,12 +61,15 @@ def solve(scene: Scene, cell_size: float = 0.5) -> SolvedScene:
         the message then gives the highest that is feasible.
     """
     radio_map = build_radio_map(scene, cell_size)
-    start, goal = radio_map.grid.cell_of(scene.start), radio_map.grid.cell_of(scene.goal)
+    start = radio_map.grid.cell_of(scene.start)
+    goal = radio_map.grid.cell_of(scene.goal)
     if start == goal:
         raise ValueError(
             f"start={scene.start} lies in the same cell as the goal {scene.goal}: {start}"
         )
+
     to_go = distance_to_go(radio_map.feasible(scene.target_db), goal, cell_size)
     if not np.isfinite(to_go[start]):
         raise ValueError(infeasible(radio_map.gain_db, start, goal, scene.target_db))
+
     return SolvedScene(scene, radio_map, to_go)

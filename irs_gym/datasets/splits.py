@@ -78,10 +78,12 @@ def solved_scene_of(split: str, index: int) -> SolvedScene:
         raise ValueError(
             f"index={index} must be a number from 0 to {chosen.size - 1}: {split!r} has no more scenes"
         )
+
     solved = draw_solved_scene(
         np.random.default_rng((VERSION, chosen.number, index)), chosen.difficulty
     )
     scene = solved.scene.model_copy(update={"name": f"{split}-{index}"})
+
     return SolvedScene(scene, solved.radio_map, solved.distance_to_go)
 
 
@@ -95,6 +97,7 @@ def check_frozen(split: str, texts: list[bytes]) -> None:
     """
     if not split_of(split).is_frozen:
         return
+
     for index, (wanted, text) in enumerate(zip(frozen()[split].scenes, texts, strict=False)):
         if digest(text) != wanted:
             raise RuntimeError(
@@ -125,8 +128,10 @@ def frozen() -> dict[str, Frozen]:
         resources.files("irs_gym.datasets").joinpath("splits.json").read_bytes()
     )
     kept = {}
+
     for name, entry in record["splits"].items():
         digits = "".join(entry["scenes"])
         scenes = tuple(digits[n : n + _DIGITS] for n in range(0, len(digits), _DIGITS))
         kept[name] = Frozen(entry["sha256"], scenes)
+
     return kept

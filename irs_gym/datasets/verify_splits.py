@@ -56,12 +56,14 @@ def shared(scenes: Mapping[str, Iterable[Scene]]) -> list[tuple[str, str]]:
     """
     places: dict[str, str] = {}
     pairs = []
+
     for name, members in scenes.items():
         for scene in members:
             place = f"{name}: {scene.name}"
             first = places.setdefault(scene_hash(scene), place)
             if first != place:
                 pairs.append((first, place))
+
     return pairs
 
 
@@ -97,20 +99,25 @@ def main() -> int:
         "splits": entries,
         "proof": {"scenes": counts, "in_two_places": len(pairs), "numpy": np.__version__},
     }
+
     for name, entry in entries.items():
         print(f"{name}: {counts[name]:,} scenes, SHA-256 {entry['sha256']}")
+
     print(
         f"{sum(counts.values()):,} scenes, of which {counts['train']:,} for training: {len(pairs)} are in two places"
     )
     for one, other in pairs:
         print(f"  {one} is {other}")
+
     if given.write:
         KEPT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
         print(f"written: {KEPT}")
         return int(bool(pairs))
+
     kept = json.loads(KEPT.read_bytes())
     changed = [name for name, entry in entries.items() if kept["splits"].get(name) != entry]
     print(f"changed since they were frozen: {', '.join(changed) or 'none'}")
+
     return int(bool(pairs or changed))
 
 

@@ -30,7 +30,9 @@ class Episode:
 
         ``keys``: those of the infos.
         """
-        self.world, self.start, self.goal = world, start, goal
+        self.world = world
+        self.start = start
+        self.goal = goal
         self.tables = tables_for(world, start, goal)
         self.observer = build_observer(world, goal)
         self.is_running = True
@@ -72,6 +74,7 @@ class Episode:
         is_optimal = optimal_moves(
             self.tables.distance_to_go[None], self.world.radio_map.grid.cell_size
         )
+
         return np.flatnonzero(is_optimal[0, :, i, j])
 
     def transition_table(self) -> Transition:
@@ -106,6 +109,7 @@ class Episode:
             raise ResetNeeded(
                 "the episode has ended, or none has begun: call reset() before step()"
             )
+
         entry = self._cell * ACTIONS + checked_action(action)
         outcome: Any = self.tables.transition.item(entry)
         next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = outcome
@@ -116,6 +120,7 @@ class Episode:
         self._has_violated = self._has_violated or cost > 0
         self.is_running = not is_terminated
         info = self._info(is_refused, cost, is_at_goal and not self._has_violated)
+
         return self.observer.observe(next_cell), reward, is_terminated, False, info
 
     def render(self, mode: str | None) -> Any:
@@ -169,6 +174,7 @@ def resume(
         raise ValueError(
             "state is of another task: its map or its rules differ from those of this environment"
         )
+
     shape = world.feasible.shape
     if not (snapshot.cell < world.feasible.size and world.radio_map.free.flat[snapshot.cell]):
         raise ValueError("state tells a cell that a robot cannot be in")
@@ -182,4 +188,5 @@ def resume(
     episode._refused = snapshot.refused
     episode._has_violated = snapshot.has_violated
     episode.is_running = snapshot.is_running
+
     return episode

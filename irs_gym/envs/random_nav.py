@@ -173,6 +173,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
             raise ValueError(
                 f"state is of scene {snapshot.scene}, and there are {len(self.worlds)} here"
             )
+
         world = self.worlds.world(snapshot.scene)
         self._episode = resume(world, snapshot, self._episode_keys, path)
         self._number = snapshot.scene
@@ -189,6 +190,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         self._episode = begin(self.worlds.world(number), given, self.np_random, self._episode_keys)
         self._number = number
         observation, info = self._episode.opening()
+
         return observation, self._named(info)
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -200,6 +202,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         """The info with the scene's name."""
         if "scene_id" in self._keys:
             info["scene_id"] = self.worlds.pool.names[self._number]
+
         return info
 
     def render(self) -> Any:

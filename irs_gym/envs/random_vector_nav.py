@@ -77,7 +77,8 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self.max_episode_steps = checked_count("max_episode_steps", max_episode_steps)
         self.autoreset_mode = checked_mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
-        self.render_mode, self.copy = checked_render_mode(render_mode), copy
+        self.render_mode = checked_render_mode(render_mode)
+        self.copy = copy
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         sampler = _EpisodeSampler(self.worlds)
         check_fleet(self.num_envs, self.max_episode_steps, sampler.packing)
@@ -115,6 +116,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         seeds = each_seed(seed, self.num_envs)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
+
         return self._episodes.reset(seeds, options)
 
     def step(
@@ -180,7 +182,8 @@ class _EpisodeSampler:
         self.ground = build_many_scenes(worlds)
         self.packing = self.ground.packing
         self.is_violable = worlds.task.constraint == "allow"
-        self.map_shape, self.num_maps = self.ground.shape, len(worlds)
+        self.map_shape = self.ground.shape
+        self.num_maps = len(worlds)
 
     def begin(
         self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
@@ -189,10 +192,12 @@ class _EpisodeSampler:
         scene_ids = given.pop("scene_id", None)
         if not isinstance(scene_ids, list | tuple | np.ndarray):
             scene_ids = [scene_ids] * len(states)
+
         if len(scene_ids) != len(states):
             raise ValueError(
                 f"scene_id holds {len(scene_ids)} scenes for {len(states)} environments"
             )
+
         rngs = [rng(i) for i in chosen.tolist()]
         numbers = [
             self.worlds.choose(scene_ids[i], each)
@@ -202,8 +207,10 @@ class _EpisodeSampler:
             starts, goals = self._given_ends(numbers, given, rngs)
         else:
             starts, goals = self._own_ends(numbers, rngs)
+
         states = states.copy()
         states[chosen] = self.ground.states_of(np.array(numbers), starts, goals)
+
         return states
 
     def scene_number(self, states: States, i: int) -> int:
@@ -217,13 +224,16 @@ class _EpisodeSampler:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Starts and goals ``(n, 2)`` where the options say one of them."""
         ends = []
+
         for number, rng in zip(numbers, rngs, strict=True):
             world = self.worlds.world(number)
             goal = given.get("goal", world.goal)
             start = given.get("start") or choose_start(world, goal, rng)
             tables_for(world, start, goal)
             ends.append((start, goal))
+
         starts, goals = np.array(ends).transpose(1, 0, 2)
+
         return starts, goals
 
     def _own_ends(
@@ -232,10 +242,14 @@ class _EpisodeSampler:
         """The scenes' own starts, some of them drawn, and goals, ``(n, 2)``; such episodes are
         known to be feasible.
         """
-        pool, task = self.worlds.pool, self.worlds.task.common
-        starts, goals = pool.start[numbers], pool.goal[numbers]
+        pool = self.worlds.pool
+        task = self.worlds.task.common
+        starts = pool.start[numbers]
+        goals = pool.goal[numbers]
+
         for n, rng in enumerate(rngs if task.random_start else ()):
             if draws_start(task, rng):
                 cells = start_cells(pool.distance_to_go[numbers[n]], tuple(goals[n].tolist()))
                 starts[n] = divmod(draw_start(cells, rng), pool.shape[1])
+
         return starts, goals

@@ -87,7 +87,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.max_episode_steps = checked_count("max_episode_steps", max_episode_steps)
         self.autoreset_mode = checked_mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
-        self.render_mode, self.copy = checked_render_mode(render_mode), copy
+        self.render_mode = checked_render_mode(render_mode)
+        self.copy = copy
         self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
         check_fleet(
@@ -131,6 +132,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         seeds = each_seed(seed, self.num_envs)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
+
         return self._episodes.reset(seeds, options)
 
     def step(
@@ -205,10 +207,13 @@ class _EpisodeSampler:
         ends = checked_options(options)
         goal = ends.get("goal", self.world.goal)
         cells = self._starts(chosen, ends.get("start"), goal, rng)
+
         for i in chosen.tolist():
             self._goals[i] = goal
+
         states = self._restacked(states, goal)
         states[chosen] = cells + self.ground.first_state(goal)
+
         return states
 
     def scene_number(self, states: States, i: int) -> int:
@@ -223,27 +228,32 @@ class _EpisodeSampler:
         """Flat cells that the chosen robots start in: the given one, the world's, or one drawn for
         each.
         """
-        own, columns = start or self.world.start, self.world.feasible.shape[1]
+        own = start or self.world.start
+        columns = self.world.feasible.shape[1]
         fixed = own[0] * columns + own[1]
         if start is not None or not self.is_random:
             tables_for(self.world, own, goal)
             return np.full(len(chosen), fixed)
+
         cells = np.array([choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]) @ [
             columns,
             1,
         ]
         if fixed in cells:
             tables_for(self.world, own, goal)
+
         return np.asarray(cells)
 
     def _restacked(self, states: States, goal: Cell) -> States:
         """The states in a stack of the goals in use, and no others."""
         if goal in self.ground.goals and len(self.ground.goals) == 1:
             return states.copy()
+
         goals = tuple(dict.fromkeys(self._goals))
         number = {each: n for n, each in enumerate(goals)}
         old, cell = np.divmod(states, self.world.feasible.size)
         kept = np.array([number.get(each, 0) for each in self.ground.goals])
         if goals != self.ground.goals:
             self.ground = build_one_scene(self.world, goals)
+
         return np.asarray(kept[old] * self.world.feasible.size + cell)

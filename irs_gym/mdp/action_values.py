@@ -57,12 +57,14 @@ def optimal_q(transition: Transition, gamma: float) -> Floats:
         q = transition.reward + ahead
 
         best = q.argmax(axis=1)
-        now, then = q[states, policy], q[states, best]
+        now = q[states, policy]
+        then = q[states, best]
         is_better = then > now + _DUST * np.maximum(
             1.0, np.where(np.isfinite(now), np.abs(now), 0.0)
         )
         if not is_better.any():
             return np.asarray(q)
+
         policy = np.where(is_better, best, policy)
 
 
@@ -75,11 +77,14 @@ def policy_value(
     nothing. Without a discount, -inf where the episode does not end within S steps, and so never.
     """
     steps = float(len(reward)) if gamma == 1 else max(len(reward), log(_NEGLIGIBLE) / log(gamma))
-    gain, goes_on = reward, ~is_terminated
+    gain = reward
+    goes_on = ~is_terminated
+
     for doubling in range(ceil(log2(steps)) + 1):
         gain = gain + np.where(goes_on, gamma**2.0**doubling * gain[next_state], 0.0)
         goes_on = goes_on & goes_on[next_state]
         next_state = next_state[next_state]
+
     return np.where(goes_on, -np.inf, gain) if gamma == 1 else gain
 
 

@@ -19,9 +19,11 @@ def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
     """The autoreset mode of that name; a ``ValueError`` lists the known ones for an unknown one."""
     if isinstance(mode, AutoresetMode):
         return mode
+
     for each in AutoresetMode:
         if isinstance(mode, str) and mode in (each.value, each.name, each.name.lower()):
             return each
+
     raise ValueError(
         f"autoreset_mode={mode!r} must be one of {[each.value for each in AutoresetMode]}"
     )

@@ -55,6 +55,7 @@ def as_data(argument: Any) -> Any:
         return argument.tolist()
     if isinstance(argument, Sequence) and not isinstance(argument, str):
         return [as_data(each) for each in argument]
+
     return argument
 
 
@@ -65,6 +66,7 @@ def checked_render_mode(render_mode: str | None) -> str | None:
         raise ValueError(
             f"render_mode={render_mode!r} must be one of {METADATA['render_modes']} or None"
         )
+
     return render_mode
 
 
@@ -72,12 +74,15 @@ def checked_action(action: Any) -> int:
     """The action as an int; a ``ValueError`` lists the actions for one that is none."""
     if type(action) is int and 0 <= action < ACTIONS:
         return action
+
     try:
         number = index(action)
     except TypeError:
         number = -1
+
     if not 0 <= number < ACTIONS or isinstance(action, bool | np.bool_):
         raise ValueError(f"action={action!r} must be {_ACTIONS}")
+
     return number
 
 
@@ -89,11 +94,13 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
             f"actions has the shape {checked.shape} and the type {checked.dtype}, "
             f"but one integer for each of the {count} environments is needed"
         )
+
     numbers = checked.astype(np.int64, copy=False)
     is_wrong = numbers.view(np.uint64) >= ACTIONS  # where a negative number is a huge one
     if np.count_nonzero(is_wrong):
         first = int(np.flatnonzero(is_wrong)[0])
         raise ValueError(f"actions[{first}]={checked[first]} must be {_ACTIONS}")
+
     return numbers
 
 
@@ -109,6 +116,7 @@ def checked_options(options: dict[str, Any] | None, more: str | None = None) -> 
         raise ValueError(
             f"options has the unknown key {', '.join(unknown)}: it may hold {may_hold}"
         )
+
     return {
         name: value if name == more else as_cell(value, name)
         for name, value in (options or {}).items()
@@ -144,12 +152,15 @@ def checked_seed(seed: Any, name: str = "seed") -> int | None:
     """
     if seed is None:
         return None
+
     try:
         number = index(seed)
     except TypeError:
         number = -1
+
     if number < 0 or isinstance(seed, bool | np.bool_):
         raise ValueError(f"{name}={seed!r} must be an integer from 0, or None")
+
     return number
 
 
@@ -161,10 +172,13 @@ def each_seed(seed: Any, count: int) -> Sequence[int | None] | None:
     """
     if seed is None:
         return None
+
     if not isinstance(seed, Sequence | np.ndarray) or np.ndim(seed) == 0:
         first = checked_seed(seed)
         assert first is not None
         return [first + i for i in range(count)]
+
     if len(seed) != count:
         raise ValueError(f"seed holds {len(seed)} numbers for {count} environments")
+
     return [checked_seed(each, f"seed[{i}]") for i, each in enumerate(seed)]

@@ -57,9 +57,11 @@ def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[B
     keeps_target = legal_moves(feasible)
     if constraint == "refuse":
         return keeps_target, np.zeros_like(keeps_target)
+
     is_open = legal_moves(free)
     if constraint == "terminate":
         return keeps_target, is_open & ~keeps_target
+
     return is_open, np.where(is_open, ~keeps_target, ~feasible[..., None])
 
 
@@ -73,7 +75,8 @@ def transition(world: World, goal: Cell) -> Transition:
 
     A refused move leaves the robot where it is and costs the move all the same.
     """
-    task, grid = world.task, world.radio_map.grid
+    task = world.task
+    grid = world.radio_map.grid
     cells = np.arange(world.feasible.size)[:, None]
     is_legal, is_violation = (
         each.reshape(-1, ACTIONS)
@@ -83,6 +86,7 @@ def transition(world: World, goal: Cell) -> Transition:
     length = np.broadcast_to(MOVE_LENGTHS * grid.cell_size, is_legal.shape)
     is_at_goal = is_legal & (next_cell == np.ravel_multi_index(goal, grid.shape))
     phi = potential(task, _cells(grid.shape) - np.array(goal), grid.cell_size)
+
     return Transition(
         next_cell=next_cell,
         reward=reward(task, length, phi[cells], phi[next_cell], is_at_goal),
@@ -98,10 +102,13 @@ def transition_table(world: World, goal: Cell) -> Transition:
     """As `transition`, but for the goal: there an episode is over, so each action stays, for
     nothing, and ends it.
     """
-    table, here = transition(world, goal), int(np.ravel_multi_index(goal, world.feasible.shape))
+    table = transition(world, goal)
+    here = int(np.ravel_multi_index(goal, world.feasible.shape))
     over = Transition(here, 0.0, 0.0, False, 0.0, True, True)
+
     for column, value in zip(table, over, strict=True):
         column[here] = value
+
     return table
 
 
@@ -155,7 +162,9 @@ def tabulate(world: World, goal: Cell) -> Tables:
     to_go = world.to_go if goal == world.goal else None
     if to_go is None:
         to_go = distance_to_go(world.feasible, goal, grid.cell_size)
+
     gain_db = world.radio_map.gain_db
+
     return Tables(
         world=world,
         goal=goal,
@@ -175,8 +184,10 @@ def _records(**columns: NDArray[Any]) -> NDArray[np.void]:
         next(iter(columns.values())).size,
         dtype=[(name, each.dtype) for name, each in columns.items()],
     )
+
     for name, each in columns.items():
         records[name] = each.ravel()
+
     return records
 
 
@@ -186,13 +197,16 @@ def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
     """
     if not draws_start(world.task, rng):
         return world.start
+
     check_cell(world, "goal", goal)
     starts = tabulate(world, goal).starts
     if not len(starts):
         raise ValueError(
             f"goal={goal} cannot be reached from any other cell at target_db={world.target_db}"
         )
+
     i, j = divmod(draw_start(starts, rng), world.feasible.shape[1])
+
     return i, j
 
 
@@ -228,9 +242,11 @@ def tables_for(world: World, start: Cell, goal: Cell) -> Tables:
     check_cell(world, "goal", goal)
     if start == goal:
         raise ValueError(f"start={start} must differ from the goal")
+
     tables = tabulate(world, goal)
     if not np.isfinite(tables.distance_to_go[start]):
         raise ValueError(infeasible(world.radio_map.gain_db, start, goal, world.target_db))
+
     return tables
 
 

@@ -69,11 +69,14 @@ class Packing:
         shapes = {"gain_patch": (self.side, self.side), "irs": (self.settings,), "position": (4,)}
         if self.observation == "dict":
             return spaces.Dict({name: _box(shape) for name, shape in shapes.items()})
+
         if self.observation == "masked":
             mask = spaces.Box(0, 1, (ACTIONS,), dtype=np.int8)
             return spaces.Dict({"action_mask": mask, "observation": _box((self.flat_end,))})
+
         if self.observation == "cell":
             return spaces.Discrete(prod(self.shape))
+
         return _box((self.width,) if self.observation == "flat" else (4, *self.shape))
 
     def unpack(self, rows: Rows) -> Any:
@@ -82,14 +85,17 @@ class Packing:
         """
         if self.observation == "flat":
             return rows
+
         leading = rows.shape[:-1]
         if self.observation == "masked":
             mask = rows[..., self.flat_end :].astype(np.int8)
             return {"action_mask": mask, "observation": rows[..., : self.flat_end]}
+
         if self.observation == "cell":
             return rows[..., 0].astype(np.int64) if leading else int(rows[0])
         if self.observation == "map":
             return rows.reshape(*leading, 4, *self.shape)
+
         return {
             "gain_patch": rows[..., : self.patch_end].reshape(*leading, self.side, self.side),
             "irs": rows[..., self.patch_end : self.irs_end],
@@ -133,23 +139,28 @@ class Observer:
         """Observation of one flat cell, in memory of its own."""
         if self.packing.observation == "cell":
             return cell
+
         if self.table is None:
             rows = self.rows(np.array([cell]), np.empty((1, self.packing.width), dtype=np.float32))
             return self.packing.unpack(rows[0])
+
         observation = self._seen(cell).copy()
         if isinstance(observation, dict):
             for name in observation:
                 observation[name] = observation[name].copy()
+
         return observation
 
 
 @lru_cache(maxsize=8)
 def build_observer(world: World, goal: Cell) -> Observer:
     """Observer of a world for one goal; kept, so the same goal costs nothing again."""
-    task, shape = world.task, world.radio_map.grid.shape
+    task = world.task
+    shape = world.radio_map.grid.shape
     packing = Packing(task.observation, 2 * task.patch_radius + 1, world.irs.shape[-1], shape)
     rows = _ROWS.get(task.observation, _packed_rows)(world, goal, packing)
-    cells, table = world.feasible.size, None
+    cells = world.feasible.size
+    table = None
     # A world whose distances were known beforehand is one of many: it is entered once, and few of
     # its cells are seen.
     if (
@@ -159,6 +170,7 @@ def build_observer(world: World, goal: Cell) -> Observer:
     ):
         table = rows(np.arange(cells), np.empty((cells, packing.width), dtype=np.float32))
         table.setflags(write=False)
+
     return Observer(world, goal, packing, rows, table)
 
 
@@ -184,7 +196,8 @@ def vectors_to_goal(offsets: NDArray[np.int64], shape: tuple[int, int]) -> Rows:
 def _packed_rows(
     world: World, goal: Cell, packing: Packing
 ) -> Callable[[NDArray[np.int64], Rows], Rows]:
-    side, shape = packing.side, packing.shape
+    side = packing.side
+    shape = packing.shape
     padded = np.pad(
         scaled_margin(world.radio_map.gain_db, world.target_db), side // 2, constant_values=-1.0
     )
@@ -192,8 +205,12 @@ def _packed_rows(
         padded, (side, side)
     )  # (X, Y, side, side), a view
     cells = np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)
-    own, to_goal = own_positions(cells, shape), vectors_to_goal(cells - np.array(goal), shape)
-    irs, columns, patch_end, irs_end = world.irs, shape[1], packing.patch_end, packing.irs_end
+    own = own_positions(cells, shape)
+    to_goal = vectors_to_goal(cells - np.array(goal), shape)
+    irs = world.irs
+    columns = shape[1]
+    patch_end = packing.patch_end
+    irs_end = packing.irs_end
     mask = action_mask(world) if packing.observation == "masked" else None
 
     def rows(at: NDArray[np.int64], out: Rows) -> Rows:
@@ -204,6 +221,7 @@ def _packed_rows(
         out[:, irs_end + 2 : irs_end + 4] = to_goal[at]
         if mask is not None:
             out[:, irs_end + 4 :] = mask[at]
+
         return out
 
     return rows
@@ -213,7 +231,8 @@ def _map_rows(
     world: World, goal: Cell, packing: Packing
 ) -> Callable[[NDArray[np.int64], Rows], Rows]:
     """Image channels (4, X, Y): scaled margin, obstacle, robot, goal; the last three are 0 or 1."""
-    shape, cells = packing.shape, prod(packing.shape)
+    shape = packing.shape
+    cells = prod(packing.shape)
     still = np.zeros((4, *shape), dtype=np.float32)
     still[0], still[1] = (
         scaled_margin(world.radio_map.gain_db, world.target_db),

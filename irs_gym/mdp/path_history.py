@@ -61,6 +61,7 @@ class PathHistory:
         flat = np.concatenate(
             [self._starts[which, [robot]], self._rows[steps % len(self._rows), robot]]
         )
+
         return cells_of(flat, self._shape)
 
 

@@ -32,7 +32,10 @@ class Snapshot(NamedTuple):
         size = _LAYOUT.size + _CHECK.size
         if not isinstance(state, bytes) or len(state) != size:
             raise ValueError(f"state must be the {size} bytes that get_state() gives")
-        content, check = state[: _LAYOUT.size], state[_LAYOUT.size :]
+
+        content = state[: _LAYOUT.size]
+        check = state[_LAYOUT.size :]
         if check != _CHECK.pack(crc32(content)):
             raise ValueError("state is damaged: it is not what get_state() gave")
+
         return cls(*_LAYOUT.unpack(content))

@@ -82,10 +82,13 @@ class Task:
     def __post_init__(self) -> None:
         if isinstance(self.scene, Mapping):
             object.__setattr__(self, "scene", Scene.from_data(self.scene))
+
         if isinstance(self.radio_map, Mapping):
             object.__setattr__(self, "radio_map", RadioMap.from_data(self.radio_map))
+
         Hardware(self.phase_bits, self.quantiser, self.array_model)
         self._check_scalars()
+
         for name, choices in (("observation", Observation), ("constraint", Constraint)):
             if not isinstance(getattr(self, name), str) or getattr(self, name) not in get_args(
                 choices
@@ -93,12 +96,15 @@ class Task:
                 raise ValueError(
                     f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}"
                 )
+
         for name in ("irs_phases", "shaping"):
             if not isinstance(getattr(self, name), bool | np.bool_):
                 raise ValueError(f"{name}={getattr(self, name)!r} must be True or False")
+
         for name in ("start", "goal"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, as_cell(getattr(self, name), name))
+
         if self.radio_map is not None:
             self._check_foreign_map()
 
@@ -108,6 +114,7 @@ class Task:
             raise ValueError(
                 f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None"
             )
+
         for name in ("target_db", "goal_bonus"):
             value = getattr(self, name)
             if (value is not None or name == "goal_bonus") and not (
@@ -116,6 +123,7 @@ class Task:
                 raise ValueError(
                     f"{name}={value!r} must be a finite number, none beyond {_LARGEST}"
                 )
+
         if self.goal_bonus < 0:
             raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
         if not isinstance(self.random_start, Real | np.bool_) or not 0 <= self.random_start <= 1:
@@ -129,6 +137,7 @@ class Task:
         for name in ("start", "goal"):
             if getattr(self, name) is None:
                 raise ValueError(f"{name} must be given as a cell (i, j) along with radio_map")
+
         scene_only = (
             "scene",
             "cell_size",
@@ -165,6 +174,7 @@ def checked_fields(kind: type[Any], arguments: dict[str, Any], owner: str) -> di
             f"{owner}.__init__() got an unexpected keyword argument {name!r}" for name in unknown
         )
         raise TypeError(f"{refused}: the arguments are {', '.join(known)} and render_mode")
+
     return arguments
 
 
@@ -190,8 +200,10 @@ def resolved(task: Task) -> Task:
             else RadioMap.load(task.radio_map)
         )
         return replace(task, radio_map=radio_map, target_db=_first(task.target_db, TARGET_DB))
+
     assert not isinstance(task.scene, dict)  # Task has read its data
     scene = as_scene(task.scene)
+
     return replace(
         task,
         scene=scene,
@@ -238,9 +250,11 @@ class World:
         """8 bytes that tell maps and rules apart; what is observed, and where episodes begin and
         end, is no part.
         """
-        task, grid = self.task, self.radio_map.grid
+        task = self.task
+        grid = self.radio_map.grid
         rules = (task.constraint, bool(task.shaping), float(task.goal_bonus), self.target_db)
         said = repr((grid.shape, float(grid.cell_size), rules)).encode()
+
         return blake2b(said + self.radio_map.gain_db.tobytes(), digest_size=8).digest()
 
     def __reduce__(self) -> Any:
@@ -265,7 +279,9 @@ def build_world(task: Task) -> World:
 def _build_world(task: Task) -> World:
     scene = None
     if isinstance(task.radio_map, RadioMap):
-        radio_map, start, goal = task.radio_map, task.start, task.goal
+        radio_map = task.radio_map
+        start = task.start
+        goal = task.goal
         radio_map.grid.check_memory(_CELL_BYTES, "the tables of a map")
         settings = np.full(3, -1.0)
         shifts = np.zeros((*radio_map.grid.shape, 0), dtype=np.float32)
@@ -280,22 +296,22 @@ def _build_world(task: Task) -> World:
         goal = task.goal or radio_map.grid.cell_of(scene.goal)
         settings = irs_settings(scene, task.phase_bits)
         shifts = build_phase_shifts(wanted, task.cell_size, None, *hardware)
+
     assert start is not None  # Task asks for both along with a map
     assert goal is not None
     assert task.target_db is not None
     spread = np.broadcast_to(settings.astype(np.float32), (*radio_map.grid.shape, 3))
     irs = np.concatenate([spread, np.clip(shifts / np.float32(np.pi) - 1, -1, 1)], axis=-1)
     feasible = radio_map.feasible(task.target_db)
+
     return World(task, scene, radio_map, start, goal, feasible, irs, source=(build_world, (task,)))
 
 
 def _check_world(grid: Grid, scene: Scene) -> None:
     """Refuse a world whose tables would take too much memory, before any of it is made."""
     grid.check_memory(_CELL_BYTES, "map and tables")
-    cells, shifts = (
-        grid.shape[0] * grid.shape[1],
-        sum(panel.subsurfaces for panel in scene.irs_panels),
-    )
+    cells = grid.shape[0] * grid.shape[1]
+    shifts = sum(panel.subsurfaces for panel in scene.irs_panels)
     check_memory(
         f"irs_elements: {shifts} phase shifts in each of {cells} cells",
         _SHIFT_BYTES * cells * shifts,
@@ -311,7 +327,9 @@ def irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
     elements = sum(panel.elements for panel in scene.irs_panels)
     if not elements:
         return np.full(3, -1.0)
+
     resolution = 1.0 if phase_bits is None else 1.0 - 2.0 / 2**phase_bits
+
     return np.array([1.0, resolution, 1.0 - 2.0 / (1.0 + elements / 1000.0)])
 
 

@@ -61,6 +61,7 @@ def path_length(cells: NDArray[np.int64], cell_size: float) -> float:
     steps = np.abs(np.diff(cells, axis=0))
     diagonal = int(np.count_nonzero(steps.sum(axis=1) == 2))
     straight = int(np.count_nonzero(steps.sum(axis=1) == 1))
+
     return (straight + diagonal * sqrt(2.0)) * cell_size
 
 
@@ -87,21 +88,25 @@ def shortest_path(
     ValueError
         Where ``feasible`` is no map of bools, an end no cell of it, or ``cell_size`` not positive.
     """
-    feasible, cell_size = (
-        checked_map(feasible, "feasible", "b", GRAPH_BYTES),
-        checked_cell_size(cell_size),
-    )
-    start, goal = as_cell(start, "start"), as_cell(goal, "goal")
-    source, target = flat_cell(feasible, start, "start"), flat_cell(feasible, goal, "goal")
+    feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
+    cell_size = checked_cell_size(cell_size)
+    start = as_cell(start, "start")
+    goal = as_cell(goal, "goal")
+    source = flat_cell(feasible, start, "start")
+    target = flat_cell(feasible, goal, "goal")
     if not (feasible[start] and feasible[goal]):
         return None
+
     _, before = dijkstra(_graph(feasible), indices=source, return_predecessors=True)
     if source != target and before[target] < 0:
         return None
+
     flat = [target]
     while flat[-1] != source:
         flat.append(int(before[flat[-1]]))
+
     cells = np.stack(np.unravel_index(flat[::-1], feasible.shape), axis=-1).astype(np.int64)
+
     return Path(path_length(cells, cell_size), cells)
 
 
@@ -113,16 +118,16 @@ def distance_to_go(
     Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` as
     `shortest_path` does.
     """
-    feasible, cell_size = (
-        checked_map(feasible, "feasible", "b", GRAPH_BYTES),
-        checked_cell_size(cell_size),
-    )
+    feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
+    cell_size = checked_cell_size(cell_size)
     goal = as_cell(goal, "goal")
     target = flat_cell(feasible, goal, "goal")
     if not feasible[goal]:
         return np.full(feasible.shape, np.inf)
+
     # Moves are symmetric, so distances from the goal are distances to it.
     distance = dijkstra(_graph(feasible), indices=target).reshape(feasible.shape)
+
     return np.asarray(distance * cell_size)
 
 
@@ -137,13 +142,17 @@ def descend(to_go: NDArray[np.float64], start: Cell, cell_size: float) -> Path:
     flat_cell(to_go, start, "start")
     if not np.isfinite(to_go[start]):
         raise ValueError(f"the goal cannot be reached from start={tuple(start)}")
+
     cells = [np.array(start)]
     while to_go[tuple(cells[-1])] > 0:
         ahead = cells[-1] + MOVES
         on_map = np.all((ahead >= 0) & (ahead < to_go.shape), axis=1)
-        ahead, length = ahead[on_map], MOVE_LENGTHS[on_map] * cell_size
+        ahead = ahead[on_map]
+        length = MOVE_LENGTHS[on_map] * cell_size
         cells.append(ahead[np.argmin(length + to_go[ahead[:, 0], ahead[:, 1]])])
+
     path = np.stack(cells)
+
     return Path(path_length(path, cell_size), path)
 
 
@@ -168,6 +177,7 @@ def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np
         [padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1
     )
     length = MOVE_LENGTHS[:, None, None] * cell_size
+
     return ahead + length - np.where(np.isfinite(to_go), to_go, -np.inf)[:, None]
 
 
@@ -203,8 +213,10 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
         Where ``gain_db`` is no map of numbers without NaN and +inf, or an end no cell of it.
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
-    start, goal = as_cell(start, "start"), as_cell(goal, "goal")
-    source, target = flat_cell(gain_db, start, "start"), flat_cell(gain_db, goal, "goal")
+    start = as_cell(start, "start")
+    goal = as_cell(goal, "goal")
+    source = flat_cell(gain_db, start, "start")
+    target = flat_cell(gain_db, goal, "goal")
     # The tree is grown on ranks, 1 for the highest gain: positive weights whose order is that of
     # the gains.
     levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)
@@ -214,12 +226,15 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
         csr_array((cost, second, rows), shape=(gain_db.size,) * 2), overwrite=True
     )
     _, before = breadth_first_order(tree, source, directed=False)
-    cell, widest = target, rank[target]
+    cell = target
+    widest = rank[target]
+
     while cell != source:
         cell = before[cell]
         if cell < 0:
             return -np.inf
         widest = max(widest, rank[cell])
+
     return -float(levels[widest])
 
 
@@ -230,6 +245,7 @@ def largest_component(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     _, labels = connected_components(_graph(free), directed=False)
     sizes = np.bincount(labels, weights=free.ravel())
     largest: NDArray[np.bool_] = labels == np.argmax(sizes)
+
     return free & largest.reshape(free.shape)
 
 
@@ -251,6 +267,7 @@ def flat_cell(array: NDArray[np.generic], cell: Cell, name: str) -> int:
     """Flat index of a cell; a ``ValueError`` that names it where it lies off the map."""
     if not (0 <= cell[0] < array.shape[0] and 0 <= cell[1] < array.shape[1]):
         raise ValueError(f"{name}={tuple(cell)} lies off the map of {array.shape} cells")
+
     columns: int = array.shape[1]
     return int(cell[0]) * columns + int(cell[1])
 
@@ -275,6 +292,7 @@ def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
     np.cumsum(legal.sum(axis=2).ravel(), out=rows[1:])
     cells, moves = np.divmod(np.flatnonzero(legal).astype(index), len(MOVES))
     cells += (MOVES @ np.array([free.shape[1], 1])).astype(index)[moves]
+
     return rows, cells, moves
 
 

@@ -60,14 +60,15 @@ def straight_line_bound(
         raise ModuleNotFoundError(
             'straight_line_bound needs shapely: pip install "irs_gym[geometry]"'
         )
-    feasible, cell_size = (
-        checked_map(feasible, "feasible", "b", _CELL_BYTES),
-        checked_cell_size(cell_size),
-    )
-    start, goal = as_cell(start, "start"), as_cell(goal, "goal")
+
+    feasible = checked_map(feasible, "feasible", "b", _CELL_BYTES)
+    cell_size = checked_cell_size(cell_size)
+    start = as_cell(start, "start")
+    goal = as_cell(goal, "goal")
     path = shortest_path(feasible, start, goal, 1.0)
     if path is None:
         return inf
+
     corners, slopes = _corners(feasible)
     check_memory(
         f"feasible: lines of sight between {len(corners)} corners",
@@ -76,6 +77,7 @@ def straight_line_bound(
     )
     points = np.concatenate([2 * np.array([start, goal]) + 1, corners])
     bound = _search(points, np.append([0, 0], slopes), _area(feasible), 2 * path.distance) / 2
+
     return min(bound, path.distance) * cell_size  # equal lengths may be rounded differently
 
 
@@ -89,10 +91,14 @@ def _corners(feasible: NDArray[np.bool_]) -> tuple[Points, NDArray[np.int64]]:
     their way in and out.
     """
     blocked = np.pad(~feasible, 1, constant_values=True)
-    south_west, south_east = blocked[:-1, :-1], blocked[1:, :-1]
-    north_west, north_east = blocked[:-1, 1:], blocked[1:, 1:]
-    rising, falling = south_west | north_east, south_east | north_west
+    south_west = blocked[:-1, :-1]
+    south_east = blocked[1:, :-1]
+    north_west = blocked[:-1, 1:]
+    north_east = blocked[1:, 1:]
+    rising = south_west | north_east
+    falling = south_east | north_west
     slope = np.where(falling, 1, -1) * (rising != falling)
+
     return 2 * np.argwhere(slope), slope[slope != 0]
 
 
@@ -108,6 +114,7 @@ def _area(feasible: NDArray[np.bool_]) -> Any:
         1e-7, join_style="mitre"
     )
     shapely.prepare(area)
+
     return area
 
 
@@ -120,6 +127,7 @@ def _search(points: Points, slopes: NDArray[np.int64], area: Any, longest: float
     to_goal = np.hypot(*(points - points[1]).T)
     reached = np.where(np.arange(len(points)) == 0, 0.0, inf)
     is_open = np.ones(len(points), dtype=bool)
+
     while (here := int(np.argmin(np.where(is_open, reached + to_goal, inf)))) != 1:
         is_open[here] = False
         apart = points - points[here]
@@ -133,4 +141,5 @@ def _search(points: Points, slopes: NDArray[np.int64], area: Any, longest: float
         )
         ahead = ahead[shapely.contains_properly(area, sights)]
         reached[ahead] = length[ahead]
+
     return float(reached[1])

@@ -51,7 +51,9 @@ class TradeOff:
         targets_db = np.asarray(target_db)
         if targets_db.dtype.kind not in "iuf" or np.isnan(targets_db).any():
             raise ValueError(f"target_db={target_db!r} must be numbers of dB")
+
         step = np.searchsorted(self.targets_db, targets_db.astype(np.float64), side="left")
+
         return np.asarray(np.append(self.distances, np.inf)[step])
 
 
@@ -84,21 +86,28 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
         raise ValueError(
             f"gain_db has {gain_db.size} cells, and lengths are exact on maps up to {_MOST_CELLS}"
         )
+
     cell_size = checked_cell_size(cell_size)
-    start, goal = as_cell(start, "start"), as_cell(goal, "goal")
-    source, sink = flat_cell(gain_db, start, "start"), flat_cell(gain_db, goal, "goal")
+    start = as_cell(start, "start")
+    goal = as_cell(goal, "goal")
+    source = flat_cell(gain_db, start, "start")
+    sink = flat_cell(gain_db, goal, "goal")
     gain = gain_db.ravel()
     targets_db: list[float] = []
     distances: list[float] = []
-    above, runs = -np.inf, 0
+    above = -np.inf
+    runs = 0
+
     while min(gain[source], gain[sink]) > above:
         to_go, graph = _distances_to_go(gain_db > above, sink)
         runs += 1
         if np.isinf(to_go[source]):
             break
+
         above = _bottleneck(_shortest_paths(graph, to_go), gain, source, sink)
         targets_db.append(above)
         distances.append(_true_length(to_go[source], gain.size) * cell_size)
+
     return TradeOff(np.array(targets_db), np.array(distances), runs)
 
 
@@ -115,9 +124,12 @@ def _whole_lengths(cells: int) -> tuple[int, int]:
     sqrt(2)), and a q + b p less than 1/4 away from q times that, which is more. Sums are exact in
     float64 up to 2**53: enough for 36 million cells.
     """
-    q, p = 1, 1
+    q = 1
+    p = 1
+
     while q <= 2 * cells:
         q, p = q + p, 2 * q + p
+
     return q, p
 
 
@@ -135,6 +147,7 @@ def _distances_to_go(free: NDArray[np.bool_], sink: int) -> tuple[NDArray[np.flo
     rows, cells, moves = edges(free)
     lengths = np.where(MOVE_LENGTHS == 1, *_whole_lengths(free.size)).astype(np.float64)
     graph = csr_array((lengths[moves], cells, rows), shape=(free.size, free.size))
+
     return dijkstra(graph, indices=sink), graph
 
 
@@ -144,8 +157,10 @@ def _distances_to_go(free: NDArray[np.bool_], sink: int) -> tuple[NDArray[np.flo
 def _shortest_paths(graph: csr_array, to_go: NDArray[np.float64]) -> tuple[Integers, Integers]:
     """The moves (from, to) that lie on a shortest path to the goal."""
     first = np.repeat(np.arange(len(to_go)), np.diff(graph.indptr))
+
     with np.errstate(invalid="ignore"):  # inf - inf where the goal cannot be reached
         is_shortest = to_go[first] - to_go[graph.indices] == graph.data
+
     return first[is_shortest], graph.indices[is_shortest]
 
 
@@ -164,4 +179,5 @@ def _bottleneck(
     values = np.unique(gain[reached(-np.inf)])
     values = values[values <= min(gain[source], gain[sink])]
     lost = bisect_left(values, True, key=lambda target_db: sink not in reached(target_db))
+
     return float(values[lost - 1])

@@ -23,8 +23,10 @@ def is_in_footprint(points: NDArray[np.float64], boxes: Boxes) -> NDArray[np.boo
     ``(...)``.
     """
     inside = np.zeros(points.shape[:-1], dtype=bool)
+
     for low, high in zip(boxes.lower, boxes.upper, strict=True):
         inside |= np.all((points > low[:2] + TOUCH) & (points < high[:2] - TOUCH), axis=-1)
+
     return inside
 
 
@@ -40,8 +42,10 @@ def is_line_of_sight(
     """
     direction = np.asarray(target, dtype=np.float64) - points
     clear = np.ones(points.shape[:-1], dtype=bool)
+
     for low, high in zip(boxes.lower, boxes.upper, strict=True):
         clear &= _chord(points, direction, low + TOUCH, high - TOUCH) <= TOUCH
+
     return clear
 
 
@@ -52,14 +56,23 @@ def _chord(
     high: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Fraction of each segment inside one box, at most 0 where it misses the box."""
-    enter, leave = np.zeros(start.shape[:-1]), np.ones(start.shape[:-1])
+    enter = np.zeros(start.shape[:-1])
+    leave = np.ones(start.shape[:-1])
+
     for axis in range(3):
-        origin, slope = start[..., axis], direction[..., axis]
+        origin = start[..., axis]
+        slope = direction[..., axis]
+
         with np.errstate(divide="ignore", invalid="ignore"):
-            to_low, to_high = (low[axis] - origin) / slope, (high[axis] - origin) / slope
+            to_low = (low[axis] - origin) / slope
+            to_high = (high[axis] - origin) / slope
+
         # A segment parallel to a slab lies in it for its whole length or not at all.
-        parallel, within = slope == 0.0, (origin > low[axis]) & (origin < high[axis])
+        parallel = slope == 0.0
+        within = (origin > low[axis]) & (origin < high[axis])
         near = np.where(parallel, np.where(within, -np.inf, np.inf), np.minimum(to_low, to_high))
         far = np.where(parallel, np.where(within, np.inf, -np.inf), np.maximum(to_low, to_high))
-        enter, leave = np.maximum(enter, near), np.minimum(leave, far)
+        enter = np.maximum(enter, near)
+        leave = np.minimum(leave, far)
+
     return leave - enter

@@ -53,6 +53,7 @@ class Hardware:
             raise ValueError(
                 f"phase_bits={bits!r} must be an integer from 1 to 16, or None for continuous phases"
             )
+
         for field, names in (("quantiser", Quantiser), ("array_model", ArrayModel)):
             if not isinstance(getattr(self, field), str) or getattr(self, field) not in get_args(
                 names
@@ -94,8 +95,10 @@ class Cascade:
     @property
     def scattered_power(self) -> Floats:
         """The panel's part of tau in Lemma 1: eta_AI eta_IM (K_IM + K_AI + 1) M, shape ``(n,)``."""
-        ap, robot = self.ap_link, self.robot_link
+        ap = self.ap_link
+        robot = self.robot_link
         moments = robot.rician_factor + ap.rician_factor + 1.0
+
         return ap.scattered_power * robot.scattered_power * moments * self.panel.elements
 
     @property
@@ -121,6 +124,7 @@ def _plane_wave(cascade: Cascade, kernel: Floats) -> Complexes:
     rows = np.exp(1j * up[:, None] * element_offsets(panel.rows, per_row))
     travelled = cascade.robot_link.distance_m + cascade.ap_link.distance_m
     common = kernel * np.exp(-1j * cascade.wavenumber * travelled)
+
     return np.asarray(
         (columns[:, :, None] * (common[:, None] * rows)[:, None, :]).reshape(len(travelled), -1)
     )
@@ -130,7 +134,8 @@ def _far_field_kernel(cascade: Cascade) -> Floats:
     """Sum over a sub-surface's elements relative to its centre: one Dirichlet kernel along each
     axis, ``(n,)``.
     """
-    steps, counts = cascade.phase_steps(), cascade.panel.elements_per_subsurface
+    steps = cascade.phase_steps()
+    counts = cascade.panel.elements_per_subsurface
     return np.asarray(
         np.prod([n * diric(step, n) for step, n in zip(steps, counts, strict=True)], axis=0)
     )
@@ -144,7 +149,8 @@ def _coherent_kernel(cascade: Cascade) -> Floats:
 
 def _spherical(cascade: Cascade) -> Complexes:
     """Sub-surface sums with the exact distance of every element to both ends."""
-    panel, pitch = cascade.panel, cascade.pitch_m
+    panel = cascade.panel
+    pitch = cascade.pitch_m
     (per_column, per_row), (columns, rows) = (
         panel.elements_per_subsurface,
         (panel.columns, panel.rows),
@@ -154,6 +160,7 @@ def _spherical(cascade: Cascade) -> Complexes:
     elements = (along + up).reshape(-1, 3)
     travelled = _distances(cascade.robot_link, elements) + _distances(cascade.ap_link, elements)
     waves = np.exp(-1j * cascade.wavenumber * travelled)
+
     return np.asarray(
         waves.reshape(-1, columns, per_column, rows, per_row)
         .sum(axis=(2, 4))
@@ -239,6 +246,7 @@ def optimal_phases(direct: Complexes, reflected: Complexes, levels: int) -> Floa
     # A sub-surface that reflects nothing is optimal at any level: it holds the one nearest to eq.
     # (14).
     chosen = np.where(reflected == 0, np.rint(start / delta + 0.5), step + switched)
+
     return np.asarray(np.mod(chosen, levels) * delta)
 
 
@@ -282,9 +290,11 @@ class Channel:
 
     def phase_shifts(self, hardware: Hardware) -> Floats:
         """Phase shifts of all sub-surfaces in [0, 2 pi), shape ``(n, N)``."""
-        direct, reflected = self.direct_los, self.reflected_los(hardware.array_model)
+        direct = self.direct_los
+        reflected = self.reflected_los(hardware.array_model)
         if hardware.levels is None:
             return continuous_phases(direct, reflected)
+
         return _QUANTISERS[hardware.quantiser](direct, reflected, hardware.levels)
 
     def expected_gain(self, hardware: Hardware) -> Floats:
@@ -306,6 +316,7 @@ class Channel:
                 1j * self.phase_shifts(hardware)
             )
             magnitude = np.abs(self.direct_los + turned.sum(axis=1))
+
         return np.asarray(magnitude**2 + self.scattered_power())
 
 
@@ -322,4 +333,5 @@ def channel(scene: Scene, access_point: AccessPoint, positions: Floats) -> Chann
         )
         for panel in scene.irs_panels
     )
+
     return Channel(direct, -wavenumber * direct.distance_m, cascades)

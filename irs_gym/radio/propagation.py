@@ -69,6 +69,7 @@ def link(scene: Scene, points: NDArray[np.float64], end: ArrayLike) -> Link:
         raise ValueError(
             f"an antenna at {tuple(np.asarray(end).tolist())} m coincides with the centre of a cell"
         )
+
     is_clear = is_line_of_sight(points, end, scene.boxes)
     loss_db = path_loss_db(distance, is_clear, scene.path_loss, scene.carrier_ghz)
     if not np.all(loss_db >= 0):
@@ -77,6 +78,8 @@ def link(scene: Scene, points: NDArray[np.float64], end: ArrayLike) -> Link:
             f"path_loss is {loss_db.min():.4g} dB at {nearest:.3g} m from an antenna at "
             f"{tuple(np.asarray(end).tolist())} m, and no passive link has one below 0"
         )
+
     gain = db_to_linear(-loss_db)
     rician = np.where(is_clear, db_to_linear(scene.rician_factor_db), 0.0)
+
     return Link(distance, offset / distance[..., None], gain, rician)

@@ -52,12 +52,14 @@ class RadioMap:
         gain = np.array(checked_map(self.gain_db, "gain_db", "iuf", _CELL_BYTES))
         if gain.shape != self.grid.shape:
             raise ValueError(f"gain_db has the shape {gain.shape}, the grid {self.grid.shape}")
+
         free = np.isfinite(gain)
         if self.free is not None:
             free = np.array(checked_map(self.free, "free", "b"))
             if free.shape != gain.shape:
                 raise ValueError(f"free has the shape {free.shape}, gain_db {gain.shape}")
             gain[~free] = -np.inf
+
         freeze(gain, free)
         object.__setattr__(self, "gain_db", gain)
         object.__setattr__(self, "free", free)
@@ -104,6 +106,7 @@ class RadioMap:
             raise ValueError(
                 f"radio_map holds {sorted(map(str, data))}, not gain_db, cell_size and origin"
             )
+
         try:
             gain_db = [
                 [-np.inf if gain is None else gain for gain in row] for row in data["gain_db"]
@@ -147,6 +150,7 @@ class RadioMap:
         }
         if not np.array_equal(self.free, np.isfinite(self.gain_db)):
             arrays["free"] = self.free
+
         content = BytesIO()
         np.savez_compressed(content, **arrays)
         write_file(Path(path), content.getvalue())
@@ -164,11 +168,13 @@ class RadioMap:
             memory limit.
         """
         place = as_path(path, "radio_map")
+
         try:
             arrays = read_arrays(place, needed=("format_version", "gain_db", "cell_size", "origin"))
             version = _scalar(arrays, "format_version")
             if version != 1:
                 raise ValueError(f"its format_version is {version}, and 1 is read here")
+
             return cls.from_array(
                 arrays["gain_db"],
                 _scalar(arrays, "cell_size"),
@@ -217,10 +223,12 @@ def build_radio_map(
         Where an argument is out of its range; the message names it.
     """
     scene = as_scene(scene).with_irs_elements(irs_elements)
-    hardware, grid = _hardware(scene, phase_bits, quantiser, array_model), scene.grid(cell_size)
+    hardware = _hardware(scene, phase_bits, quantiser, array_model)
+    grid = scene.grid(cell_size)
     width = _width(scene, hardware, needs_shifts=False)
     _check_work(scene, grid, width)
     gain_db = np.full(grid.shape, -np.inf)
+
     for cells, positions in _blocks(scene, grid, width):
         gains = np.max(
             [channel(scene, ap, positions).expected_gain(hardware) for ap in scene.access_points],
@@ -228,6 +236,7 @@ def build_radio_map(
         )
         _check_gains(grid, cells, gains)
         gain_db.flat[cells] = linear_to_db(gains)
+
     return RadioMap(gain_db, grid=grid)
 
 
@@ -246,11 +255,10 @@ def build_phase_shifts(
     phases serve the cell's own.
     """
     scene = as_scene(scene).with_irs_elements(irs_elements)
-    hardware, grid = _hardware(scene, phase_bits, quantiser, array_model), scene.grid(cell_size)
-    subsurfaces, cells_in_all = (
-        sum(panel.subsurfaces for panel in scene.irs_panels),
-        grid.shape[0] * grid.shape[1],
-    )
+    hardware = _hardware(scene, phase_bits, quantiser, array_model)
+    grid = scene.grid(cell_size)
+    subsurfaces = sum(panel.subsurfaces for panel in scene.irs_panels)
+    cells_in_all = grid.shape[0] * grid.shape[1]
     check_memory(
         f"irs_elements: phase shifts of {subsurfaces} sub-surfaces in {cells_in_all} cells, at cell_size={cell_size},",
         4.0 * subsurfaces * cells_in_all,
@@ -259,11 +267,14 @@ def build_phase_shifts(
     _check_work(scene, grid, width)
     shifts = np.zeros((*grid.shape, subsurfaces), dtype=np.float32)
     by_cell = shifts.reshape(cells_in_all, -1)
+
     for cells, positions in _blocks(scene, grid, width):
         channels = [channel(scene, ap, positions) for ap in scene.access_points]
         serving = np.argmax([each.expected_gain(hardware) for each in channels], axis=0)
+
         for n, each in enumerate(channels):
             by_cell[cells[serving == n]] = each.phase_shifts(hardware)[serving == n]
+
     return shifts
 
 
@@ -291,6 +302,7 @@ def _width(scene: Scene, hardware: Hardware, *, needs_shifts: bool) -> int:
     is_spherical = hardware.array_model == "spherical"
     if not (is_spherical or needs_shifts or hardware.levels is not None):
         return 0
+
     return max([p.elements if is_spherical else p.subsurfaces for p in scene.irs_panels], default=0)
 
 
@@ -298,7 +310,8 @@ def _check_work(scene: Scene, grid: Grid, width: int) -> None:
     """Refuse a map that would take too much memory or work; the ``ValueError`` names what makes it
     large.
     """
-    cells, block = grid.shape[0] * grid.shape[1], max(_BLOCK, width)
+    cells = grid.shape[0] * grid.shape[1]
+    block = max(_BLOCK, width)
     grid.check_memory(_CELL_BYTES)
     links = len(scene.access_points) * (1 + len(scene.irs_panels))
     entries = len(scene.access_points) * max(1, len(scene.irs_panels)) * width
@@ -331,6 +344,7 @@ def _blocks(scene: Scene, grid: Grid, width: int) -> Iterator[tuple[NDArray[np.i
     floor = grid.centres().reshape(-1, 2)
     free = np.flatnonzero(~is_in_footprint(floor, scene.boxes))
     block = max(1, min(2**15, _BLOCK // width)) if width else 2**15
+
     for first in range(0, len(free), block):
         cells = free[first : first + block]
         height = np.full((len(cells), 1), scene.antenna_height)

@@ -212,28 +212,36 @@ class Scene(_Part):
         return self
 
     def _misplaced_parts(self) -> list[str]:
-        room, mistakes = self.room, []
+        room = self.room
+        mistakes = []
+
         for n, box in enumerate(self.obstacles):
             if not (room.holds(box.lower) and room.holds(box.upper)):
                 mistakes.append(
                     f"obstacles[{n}] reaches from {box.lower} to {box.upper}, outside the room"
                 )
+
         for n, point in enumerate(self.access_points):
             if not room.holds(point.position):
                 mistakes.append(
                     f"access_points[{n}].position={point.position} lies outside the room"
                 )
+
         for n, panel in enumerate(self.irs_panels):
-            where, wall = panel.position["xy".index(panel.wall[0])], getattr(room, panel.wall)
+            where = panel.position["xy".index(panel.wall[0])]
+            wall = getattr(room, panel.wall)
             if not room.holds(panel.position) or abs(where - wall) > TOUCH:
                 mistakes.append(
                     f"irs_panels[{n}].position={panel.position} must lie on its wall, {panel.wall[0]} = {wall}"
                 )
+
             mistakes += self._too_near(n, panel)
+
         if not self.antenna_height <= room.height:
             mistakes.append(
                 f"antenna_height={self.antenna_height} exceeds the room's height {room.height}"
             )
+
         return mistakes
 
     def _too_near(self, n: int, panel: IrsPanel) -> list[str]:
@@ -242,9 +250,11 @@ class Scene(_Part):
         nearest = float(np.sqrt((apart**2).sum(axis=1)).min())
         if nearest <= TOUCH:
             return [f"irs_panels[{n}].position={panel.position} coincides with an access point"]
+
         loss_db = float(self.path_loss.line_of_sight.loss_db(nearest, self.carrier_ghz))
         if loss_db >= 0:
             return []
+
         return [
             f"irs_panels[{n}].position={panel.position} is {nearest:.3g} m from an access point: path_loss there is "
             f"{loss_db:.4g} dB, and no passive link has one below 0"
@@ -260,8 +270,10 @@ class Scene(_Part):
                 )
             elif is_in_footprint(np.array(point), self.boxes):
                 mistakes.append(f"{field}={point} lies inside an obstacle")
+
         if self.start == self.goal:
             mistakes.append(f"goal={self.goal} must differ from start")
+
         return mistakes
 
     @classmethod
@@ -310,6 +322,7 @@ class Scene(_Part):
             raise ValueError(
                 f"irs_elements={irs_elements!r} must be a whole number of elements, or None"
             )
+
         elements = int(irs_elements)
         if elements > MOST_ELEMENTS:
             raise ValueError(
@@ -321,7 +334,9 @@ class Scene(_Part):
             raise ValueError(
                 f"irs_elements={elements} needs an IRS panel, and scene {self.name!r} lists none"
             )
+
         panels = tuple(_with_elements(panel, elements) for panel in self.irs_panels)
+
         return self.model_copy(update={"irs_panels": panels})
 
     def save(self, path: str | Path) -> None:
@@ -333,11 +348,13 @@ def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:
     step = panel.elements_per_row
     rows, rest = divmod(elements, step)
     if rest or rows < 1:
-        below, above = max(rows, 0) * step, (max(rows, 0) + 1) * step
+        below = max(rows, 0) * step
+        above = (max(rows, 0) + 1) * step
         raise ValueError(
             f"irs_elements={elements} does not fill whole rows of sub-surfaces: a row of {panel.columns} sub-surfaces "
             f"of {step // panel.columns} elements takes {step}, so {below} or {above} would fit"
         )
+
     return panel.model_copy(update={"rows": rows})
 
 
@@ -366,6 +383,7 @@ def load_scene(source: str | Path) -> Scene:
         raise FileNotFoundError(
             f"scene={str(source)!r} is neither a file nor one of the scenes {scene_names()}"
         )
+
     try:
         return Scene.model_validate_json(text, strict=True)
     except ValidationError as error:
@@ -385,9 +403,11 @@ def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
     place = as_path(folder, "scenes")
     if not place.is_dir():
         raise FileNotFoundError(f"scenes={str(folder)!r} is no folder of scene files")
+
     files = sorted(place.glob("*.json"))
     if not files:
         raise ValueError(f"scenes={str(folder)!r} holds no scene file (*.json)")
+
     return tuple(load_scene(file).model_copy(update={"name": file.stem}) for file in files)
 
 
@@ -401,6 +421,7 @@ def _in_one_line(error: ValidationError) -> str:
         given = "" if is_whole_part else f" (got {_shortened(mistake['input'])})"
         said = mistake["msg"].removeprefix("Value error, ")
         mistakes.append(f"{field}: {said}{given}" if field else said)
+
     more = error.error_count() - len(mistakes)
     return "; ".join([*mistakes, f"and {more} more mistakes"] if more else mistakes)
 
@@ -410,4 +431,5 @@ def _shortened(value: Any) -> str:
         said = repr(value)
     except ValueError:  # an integer of thousands of digits
         return "a number of thousands of digits"
+
     return said if len(said) <= 200 else f"{said[:200]}..."

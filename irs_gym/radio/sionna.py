@@ -48,15 +48,19 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
         raise TypeError(
             f"{type(radio_map).__name__} has no {', '.join(missing)}: a planar radio map is needed"
         )
+
     path_gain = np.asarray(radio_map.path_gain, dtype=np.float64)
     if path_gain.ndim != 3 or not path_gain.size or not np.all(path_gain >= 0):
         raise ValueError(
             f"path_gain, of the shape {path_gain.shape}, must be linear gains (transmitters, Y, X)"
         )
+
     gain_db = linear_to_db(path_gain.max(axis=0).T)
     if free is not None and (np.shape(free) != gain_db.shape or np.asarray(free).dtype != bool):
         raise ValueError(f"free must be an array of bools of the map's shape {gain_db.shape}")
+
     cell_size, origin = _cells(radio_map, gain_db.shape)
+
     return RadioMap.from_array(gain_db, cell_size, origin, free)
 
 
@@ -67,11 +71,14 @@ def _cells(radio_map: Any, shape: tuple[int, ...]) -> tuple[float, tuple[float, 
     sizes = np.asarray(radio_map.cell_size, dtype=np.float64).ravel().round(_DECIMALS)
     if sizes.shape != (2,) or sizes[0] != sizes[1]:
         raise ValueError(f"cell_size={sizes.tolist()} must be one size in metres along x and y")
-    cell_size, centres = float(sizes[0]), np.asarray(radio_map.cell_centers, dtype=np.float64)
+
+    cell_size = float(sizes[0])
+    centres = np.asarray(radio_map.cell_centers, dtype=np.float64)
     if centres.shape != (shape[1], shape[0], 3):
         raise ValueError(
             f"cell_centers has the shape {centres.shape}, but the path gains need {(*shape[::-1], 3)}"
         )
+
     first = centres[0, 0]
     x, y = (low + cell_size * np.arange(n) for low, n in zip(first[:2], shape, strict=True))
     level = np.stack([*np.meshgrid(x, y), np.full(shape[::-1], first[2])], axis=-1)
@@ -79,5 +86,7 @@ def _cells(radio_map: Any, shape: tuple[int, ...]) -> tuple[float, tuple[float, 
         raise ValueError(
             "the measurement plane must be horizontal, its cells along x and y: orientation=(0, 0, 0)"
         )
+
     corner_x, corner_y = (first[:2] - cell_size / 2).round(_DECIMALS).tolist()
+
     return cell_size, (corner_x, corner_y)

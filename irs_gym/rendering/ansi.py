@@ -21,6 +21,7 @@ def text_frame(view: View, trail: ArrayLike) -> str:
     marks = np.full(np.add(view.grid.shape, 2), "+")
     marks[1:-1, [0, -1]], marks[[0, -1], 1:-1] = "-", "|"
     marks[1:-1, 1:-1] = np.where(view.is_obstacle, "#", np.where(view.is_below, "~", "."))
+
     for mark, where in (
         ("o", np.reshape(view.oracle_cells, (-1, 2)).astype(np.int64) + 1),
         ("*", cells + 1),
@@ -31,7 +32,9 @@ def text_frame(view: View, trail: ArrayLike) -> str:
         ("R", cells[-1:] + 1),
     ):
         marks[where[:, 0], where[:, 1]] = mark
+
     gain_db = view.gain_db[tuple(cells[-1])]
+
     return "\n".join(
         [
             f"target {view.target_db:.2f} dB   gain {gain_db:.2f} dB   margin {gain_db - view.target_db:+.2f} dB",

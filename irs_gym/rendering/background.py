@@ -26,7 +26,8 @@ COLOUR_MAP = np.array(
     ],
     dtype=np.float64,
 )  # fmt: skip
-OBSTACLE, ROBOT = (20, 20, 24), (255, 140, 0)
+OBSTACLE = (20, 20, 24)
+ROBOT = (255, 140, 0)
 
 
 class Background:
@@ -48,18 +49,23 @@ class Background:
         entries = _entries(view)
         self.layout = layout = Layout.fit(view.grid, view.size, [label for label, _ in entries])
         self.image = image = Image.new("RGB", layout.size, primitives.WHITE)
-        pen, em, font = ImageDraw.Draw(image), layout.em, primitives.font(layout.em)
+        pen = ImageDraw.Draw(image)
+        em = layout.em
+        font = primitives.font(layout.em)
         _paint_map(image, view, layout)
         _paint_axes(image, layout)
         _paint_colour_bar(image, view, layout)
         _paint_stations(image, view, layout)
         if len(view.oracle_cells) > 1:
             primitives.dash(image, layout.cell_pixels(view.oracle_cells), em)
+
         primitives.mark(image, primitives.DIAMOND, layout.cell_pixels(view.start), em)
         primitives.mark(image, primitives.SQUARE, layout.cell_pixels(view.goal), em)
+
         for (label, sample), (x, y) in zip(entries, layout.legend, strict=True):
             sample(image, np.array([x + 1.4 * em, y]), em)
             pen.text((x + 3.0 * em, y), label, primitives.BLACK, font, anchor="lm")
+
         title = f"target {view.target_db:.2f} dB"
         pen.text((layout.left, 1.5 * em), title, primitives.BLACK, font, anchor="ls")
         self.margin_at = (layout.left + font.getlength(title) + 1.5 * em, 1.5 * em)
@@ -78,7 +84,8 @@ def _entries(view: View) -> list[tuple[str, Sample]]:
         primitives.fill(image, at + primitives.SWATCH * em, OBSTACLE)
 
     def below(image: Image.Image, at: Floats, em: int) -> None:
-        width, height = round(2.4 * em), em
+        width = round(2.4 * em)
+        height = em
         pixels = _hatched(np.full((height, width, 3), COLOUR_MAP[3]), np.ones((height, width)), em)
         primitives.paste(image, pixels, (round(at[0] - width / 2), round(at[1] - height / 2)))
 
@@ -99,6 +106,7 @@ def _entries(view: View) -> list[tuple[str, Sample]]:
         (bool(view.is_obstacle.any()), "obstacle", obstacle),
         (bool(view.is_below.any()), "below target", below),
     ]
+
     return [(label, sample) for is_shown, label, sample in entries if is_shown]
 
 
@@ -134,8 +142,10 @@ def _colours(view: View, gain_db: Floats) -> Floats:
 def _gain_range(view: View) -> tuple[float, float]:
     """Least and greatest gain of the map in dB, at least 1 dB apart."""
     gains = view.gain_db[np.isfinite(view.gain_db)]
-    low, high = float(gains.min()), float(gains.max())
+    low = float(gains.min())
+    high = float(gains.max())
     widening = max(0.0, 1.0 - (high - low)) / 2
+
     return low - widening, high + widening
 
 
@@ -147,6 +157,7 @@ def _hatched(pixels: Floats, share: Floats, em: int) -> Floats:
     period = max(5, round(0.6 * em))
     line = np.clip(1.0 + em / 24 - np.abs((rows + columns) % period - period // 2), 0.0, 1.0)
     pale = pixels + (0.6 * share)[..., None] * (np.array(primitives.WHITE) - pixels)
+
     return np.asarray(pale + (0.4 * line * share)[..., None] * (np.array(primitives.BLACK) - pale))
 
 
@@ -154,19 +165,25 @@ def _paint_axes(image: Image.Image, layout: Layout) -> None:
     """The map's frame, ticks and labels in metres."""
     from PIL import ImageDraw
 
-    pen, em, font = ImageDraw.Draw(image), layout.em, primitives.font(layout.em)
-    lower, upper = layout.grid.origin, layout.grid.upper
+    pen = ImageDraw.Draw(image)
+    em = layout.em
+    font = primitives.font(layout.em)
+    lower = layout.grid.origin
+    upper = layout.grid.upper
     pen.rectangle(
         (layout.left - 1, layout.top - 1, layout.right, layout.bottom), outline=primitives.BLACK
     )
+
     for value in round_steps(lower[0], upper[0], layout.map_size[0] / (4 * em)):
         x = layout.pixels((value, lower[1]))[0]
         pen.line((x, layout.bottom, x, layout.bottom + 0.3 * em), primitives.BLACK)
         pen.text((x, layout.bottom + 0.45 * em), f"{value:g}", primitives.BLACK, font, anchor="ma")
+
     for value in round_steps(lower[1], upper[1], layout.map_size[1] / (3 * em)):
         y = layout.pixels((lower[0], value))[1]
         pen.line((layout.left - 0.3 * em, y, layout.left, y), primitives.BLACK)
         pen.text((layout.left - 0.5 * em, y), f"{value:g}", primitives.BLACK, font, anchor="rm")
+
     pen.text(
         ((layout.left + layout.right) / 2, layout.bottom + 1.7 * em),
         "x (m)",
@@ -205,6 +222,7 @@ def _paint_colour_bar(image: Image.Image, view: View, layout: Layout) -> None:
             primitives.font(em),
             anchor="lm",
         )
+
     if low <= view.target_db <= high:
         tip = np.array((left - 1.0, level(view.target_db)))
         primitives.fill(
@@ -213,6 +231,7 @@ def _paint_colour_bar(image: Image.Image, view: View, layout: Layout) -> None:
         primitives.stroke(
             image, tip + np.array([(0.0, 0.0), (width + 1.0, 0.0)]), primitives.BLACK, 0.14 * em
         )
+
     primitives.write_upright(
         image, "channel gain (dB)", (left + width + 3.9 * em, top + height / 2), em
     )
@@ -220,16 +239,19 @@ def _paint_colour_bar(image: Image.Image, view: View, layout: Layout) -> None:
 
 def _paint_stations(image: Image.Image, view: View, layout: Layout) -> None:
     """Access points as triangles and panels as bars on their wall, with their names beside them."""
-    lower, upper = np.array(layout.grid.origin), np.array(layout.grid.upper)
+    lower = np.array(layout.grid.origin)
+    upper = np.array(layout.grid.upper)
     kinds = (
         ("AP", primitives.TRIANGLE, view.access_points),
         ("IRS", primitives.BAR, view.irs_panels),
     )
+
     for name, shape, points in kinds:
         for number, point in enumerate(np.clip(np.reshape(points, (-1, 2)), lower, upper), start=1):
             to_walls = np.concatenate([point - lower, upper - point])  # left, bottom, right, top
             is_along_y = shape is primitives.BAR and int(np.argmin(to_walls)) % 2 == 0
-            corners, at = shape[:, ::-1] if is_along_y else shape, layout.pixels(point)
+            corners = shape[:, ::-1] if is_along_y else shape
+            at = layout.pixels(point)
             primitives.mark(image, corners, at, layout.em)
             reach = (float(corners[:, 0].max()) + 0.35) * layout.em
             _write_name(image, name if len(points) == 1 else f"{name} {number}", at, reach, layout)

@@ -19,7 +19,8 @@ RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {
 @lru_cache(maxsize=32)
 def view_of(world: World, start: Cell, goal: Cell) -> View:
     """What a picture of an episode shows besides the robot's trail; kept, so that it is drawn once."""
-    scene, radio_map = world.scene, world.radio_map
+    scene = world.scene
+    radio_map = world.radio_map
     return View(
         gain_db=radio_map.gain_db,
         target_db=world.target_db,

@@ -31,16 +31,19 @@ def draw_frame(view: View, trail: ArrayLike) -> NDArray[np.uint8]:
     from PIL import ImageDraw
 
     cells = checked_cells(view.grid, trail, "trail")
-    layout, frame = view.background.layout, view.background.image.copy()
+    layout = view.background.layout
+    frame = view.background.image.copy()
     corners = layout.cell_pixels(_corners(cells))
     if len(corners) > 1:
         trace(frame, corners, layout.em)
+
     primitives.mark(frame, primitives.DISC, corners[-1], layout.em, ROBOT)
     margin_db = view.gain_db[tuple(cells[-1])] - view.target_db
     margin = f"margin {margin_db:+.2f} dB"
     ImageDraw.Draw(frame).text(
         view.background.margin_at, margin, primitives.BLACK, primitives.font(layout.em), anchor="ls"
     )
+
     return np.array(frame)
 
 
@@ -52,4 +55,5 @@ def _corners(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     moves = np.diff(cells, axis=0)
     is_corner = np.ones(len(cells), dtype=bool)
     is_corner[1:-1] = (moves[1:] != moves[:-1]).any(axis=1)
+
     return cells[is_corner]

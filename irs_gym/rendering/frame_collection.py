@@ -36,6 +36,7 @@ class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):
         begun = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool)))
         self._has_ended &= ~begun
         self._collect(begun, begun)
+
         return outcome
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -43,12 +44,14 @@ class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):
         outcome = self.env.step(actions)
         _, _, terminated, truncated, _ = outcome
 
-        mode, resumed = self.metadata["autoreset_mode"], self._has_ended
+        mode = self.metadata["autoreset_mode"]
+        resumed = self._has_ended
         self._has_ended = terminated | truncated
         begun = {AutoresetMode.NEXT_STEP: resumed, AutoresetMode.SAME_STEP: self._has_ended}.get(
             mode
         )
         self._collect(np.ones_like(resumed), np.zeros_like(resumed) if begun is None else begun)
+
         return outcome
 
     def render(self) -> tuple[Any, ...]:
@@ -61,5 +64,6 @@ class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):
         for i, frame in enumerate(self.env.render() or ()):
             if begun[i]:
                 self._frames[i] = []
+
             if shown[i]:
                 self._frames[i].append(frame)

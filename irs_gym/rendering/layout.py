@@ -56,7 +56,10 @@ class Layout:
         beside it.
         """
         em = max(9, round(size / 42))
-        left, top, right, foot = round(4.0 * em), round(2.4 * em), round(6.8 * em), round(3.4 * em)
+        left = round(4.0 * em)
+        top = round(2.4 * em)
+        right = round(6.8 * em)
+        foot = round(3.4 * em)
         is_deep = grid.shape[1] > 1.6 * grid.shape[0]
         legend, legend_size = _legend(labels, em, 0.0 if is_deep else size)
         taken = np.array([left + right, top + foot]) + legend_size * (is_deep, not is_deep)
@@ -76,6 +79,7 @@ class Layout:
         )
         bar = left + int(panel[0]) + em, top, em, int(panel[1])
         map_top = top + (int(panel[1]) - map_size[1]) // 2
+
         return cls(grid, (width, height), em, left, map_top, map_size, bar, legend + corner)
 
     @property
@@ -107,13 +111,16 @@ def _legend(labels: Sequence[str], em: int, width: float) -> tuple[Floats, Float
     as fit.
     """
     lengths = [primitives.font(em).getlength(label) + 4.0 * em for label in labels]
+
     for columns in range(len(labels), 0, -1):
         deep = -(-len(labels) // columns)
         widths = [max(lengths[k : k + deep]) for k in range(0, len(labels), deep)]
         if sum(widths) <= width:
             break
+
     lefts = np.cumsum([0.0, *widths])
     places = [(lefts[k // deep], (k % deep + 0.5) * 1.8 * em) for k in range(len(labels))]
+
     return np.array(places), np.array([lefts[-1], (deep + 0.2) * 1.8 * em])
 
 
@@ -124,6 +131,7 @@ def round_steps(low: float, high: float, count: float) -> list[float]:
     least = (high - low) / max(1.0, count)
     power = 10.0 ** np.floor(np.log10(least))
     step = float(next(f * power for f in (1, 2, 5, 10) if f * power >= least * (1 - 1e-9)))
+
     return [
         k * step
         for k in range(int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9)) + 1)

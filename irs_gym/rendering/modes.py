@@ -24,4 +24,5 @@ def with_render_mode(
         return window(make(render_mode="rgb_array"))
     if isinstance(render_mode, str) and render_mode.endswith(_LIST):
         return collection(make(render_mode=render_mode.removesuffix(_LIST)))
+
     return make(render_mode=render_mode)

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
-BLACK, WHITE = (26, 26, 30), (255, 255, 255)
+BLACK = (26, 26, 30)
+WHITE = (255, 255, 255)
 SAMPLES = 3  # along each side of a pixel
 
 # Shapes about (0, 0), in units of the type's height.
@@ -90,6 +91,7 @@ def font(em: int) -> ImageFont.FreeTypeFont:
     face = ImageFont.load_default(size=em)
     if not isinstance(face, ImageFont.FreeTypeFont):
         raise ImportError("rendering needs a Pillow built with FreeType, as its wheels on PyPI are")
+
     return face
 
 
@@ -101,9 +103,11 @@ def _print(image: Image.Image, points: Floats, colour: Colour, width: float) -> 
     corner = np.floor(points.min(axis=0) - width / 2 - 1).astype(int)
     columns, rows = np.ceil(points.max(axis=0) + width / 2 + 1).astype(int) - corner
     mask = images.new("L", (columns * SAMPLES, rows * SAMPLES))
-    pen, places = ImageDraw.Draw(mask), ((points - corner) * SAMPLES - 0.5).ravel().tolist()
+    pen = ImageDraw.Draw(mask)
+    places = ((points - corner) * SAMPLES - 0.5).ravel().tolist()
     if width:
         pen.line(places, 255, max(1, round(width * SAMPLES)), joint="curve")
     else:
         pen.polygon(places, 255)
+
     image.paste(colour, (int(corner[0]), int(corner[1])), mask.reduce(SAMPLES))

@@ -71,6 +71,7 @@ class View:
             raise ValueError(
                 f"size={self.size} px is too small for a readable picture: it must be 320 or more"
             )
+
         for name, cells in (
             ("start", [self.start]),
             ("goal", [self.goal]),
@@ -104,9 +105,11 @@ def checked_cells(grid: Grid, cells: ArrayLike, name: str) -> NDArray[np.int64]:
         raise ValueError(
             f"{name} must be integers of shape (T, 2) with T >= 1, not {array.dtype} {array.shape}"
         )
+
     outside = ((array < 0) | (array >= grid.shape)).any(axis=1)
     if outside.any():
         raise ValueError(
             f"{name} holds {tuple(array[outside][0].tolist())}, which is off the grid of {grid.shape}"
         )
+
     return array.astype(np.int64)

@@ -58,7 +58,8 @@ class _Mosaic(gymnasium.Env[Any, Any]):
     render_mode = "rgb_array"
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
-        self._envs, self.metadata = envs, envs.metadata
+        self._envs = envs
+        self.metadata = envs.metadata
 
     def reset(self, **_: Any) -> tuple[None, dict[str, Any]]:
         return None, {}
@@ -84,4 +85,5 @@ def mosaic(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
     whole = whole.reshape(rows * height, columns * width, channels)
 
     every = ceil(max(whole.shape) / _LARGEST)
+
     return np.ascontiguousarray(whole[::every, ::every])

@@ -80,6 +80,7 @@ class VectorEpisodes:
 
         step = self._opening()
         infos = self._infos.everywhere(step) if mask.all() else self._infos.of(step, chosen)
+
         return self._observe(), infos
 
     def step(
@@ -94,6 +95,7 @@ class VectorEpisodes:
         resumed = np.flatnonzero(self._has_ended) if self._num_ended else None
         if resumed is not None:
             self._begin(resumed, {})
+
         before = self._states
         outcome = self._sampler.ground.move(before, checked)
         if resumed is not None:
@@ -109,7 +111,9 @@ class VectorEpisodes:
             )  # a move that is not refused leads to another cell
             if resumed is not None:
                 is_refused[resumed] = False
+
             self._refused += is_refused
+
         self._history.advance(self._sampler.ground.cells(outcome.states), self._clock)
         is_success = self._judge(outcome)
 
@@ -124,6 +128,7 @@ class VectorEpisodes:
             infos = self._end(step, np.flatnonzero(self._has_ended))
         else:
             infos = self._infos.everywhere(step)
+
         return self._observe(), outcome.reward, outcome.is_terminated, truncated, infos
 
     def paths(self) -> list[list[Cell]]:
@@ -158,6 +163,7 @@ class VectorEpisodes:
         ):  # as a single environment does: where the world's own episode would begin
             goal = world.goal
             path = [world.start]
+
         start, cell, end = np.ravel_multi_index(
             np.array([path[0], path[-1], goal]).T, world.feasible.shape
         ).tolist()
@@ -172,6 +178,7 @@ class VectorEpisodes:
             has_violated=bool(self._has_violated[i]),
             is_running=self._is_reset and not self._has_ended[i],
         )
+
         return snapshot, path
 
     # --- episodes ---------------------------------------------------------------------------------
@@ -201,8 +208,10 @@ class VectorEpisodes:
         """Whether the step reaches the goal of an episode without violations."""
         if outcome.cost is None:
             return outcome.is_at_goal.copy()  # which may be the flags of the ends as well
+
         if self._sampler.is_violable:
             self._has_violated |= outcome.cost > 0
+
         return outcome.is_at_goal & ~self._has_violated
 
     def _truncated(self) -> NDArray[np.bool_]:
@@ -226,10 +235,13 @@ class VectorEpisodes:
         }
 
         self._begin(ended, {})
+
         for each in (step.is_refused, step.cost):
             if each is not None:
                 each[ended] = 0
+
         is_success = step.is_success & ~self._just_ended
+
         return {
             **self._infos.everywhere(self._step(step.is_refused, step.cost, is_success)),
             **final,
@@ -239,6 +251,7 @@ class VectorEpisodes:
         rng = self._rngs[i]
         if rng is None:
             rng = self._rngs[i] = seeding.np_random()[0]
+
         return rng
 
     def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.int64]) -> None:
@@ -280,6 +293,7 @@ class VectorEpisodes:
             not self._is_reset
         ):  # as a single environment does: where the world's own episode would begin
             return RENDERERS[mode](view_of(world, world.start, world.goal), [world.start])
+
         path = self._history.path(i)
         return RENDERERS[mode](view_of(world, path[0], goal), path)
 
@@ -297,6 +311,7 @@ class VectorEpisodes:
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
         if mask is None:
             return np.ones(self.num_envs, dtype=bool)
+
         chosen: NDArray[np.bool_] = np.asarray(mask)
         if chosen.shape != (self.num_envs,) or chosen.dtype != bool or not chosen.any():
             raise ValueError(
@@ -304,12 +319,15 @@ class VectorEpisodes:
             )
         if not self._is_reset and not chosen.all():
             raise ResetNeeded("the first reset must be of all environments: leave reset_mask out")
+
         return chosen
 
 
 def _objects(count: int, chosen: NDArray[np.int64], objects: Iterable[Any]) -> NDArray[Any]:
     """An array ``(count,)`` of the objects of the chosen robots, and None elsewhere."""
     array = np.full(count, None, dtype=object)
+
     for i, each in zip(chosen.tolist(), objects, strict=True):
         array[i] = each
+
     return array

@@ -116,11 +116,13 @@ def checked_keys(infos: Infos, more: Sequence[str] = ()) -> tuple[str, ...]:
     known = (*KEYS, *more)
     if isinstance(infos, str) and infos in ("all", "fast"):
         return tuple(key for key in known if infos == "all" or key not in SLOW)
+
     is_list = isinstance(infos, Sequence) and not isinstance(infos, str)
     if not is_list or not all(key in known for key in infos):
         raise ValueError(
             f"infos={infos!r} must be 'all', 'fast', or a list of some of {', '.join(known)}"
         )
+
     return tuple(key for key in known if key in infos)
 
 
@@ -139,9 +141,11 @@ class InfoBuilder:
             len(step.states), dtype=bool
         )  # one for all keys, since nobody writes to masks
         infos: dict[str, Any] = {}
+
         for key, mask, value in self._entries:
             infos[key] = value(step)
             infos[mask] = has_key
+
         return infos
 
     def of(self, step: Step, chosen: NDArray[np.int64]) -> dict[str, Any]:
@@ -150,9 +154,11 @@ class InfoBuilder:
         has_key[chosen] = True
         some = step.of(chosen)
         infos: dict[str, Any] = {}
+
         for key, mask, value in self._entries:
             infos[key] = spread(value(some), chosen, len(step.states))
             infos[mask] = has_key
+
         return infos
 
 
@@ -163,4 +169,5 @@ def spread(values: NDArray[Any], chosen: NDArray[np.int64], count: int) -> NDArr
     blank = None if values.dtype == object else 0
     array = np.full((count, *values.shape[1:]), blank, dtype=values.dtype)
     array[chosen] = values
+
     return array

@@ -100,6 +100,7 @@ class ManyScenes:
             is_violation = _BITS.take(self.violating.take(places) + actions)
             cost = is_violation.astype(np.float64)
             is_terminated = ends(self.worlds.task.common, is_at_goal, is_violation)
+
         return Outcome(
             states + self._steps.take(codes),
             self.reward.take(entries),
@@ -112,10 +113,14 @@ class ManyScenes:
     def observe(self, states: States, out: Rows) -> Rows:  # noqa: D102
         if self.packing.observation == "map":
             return self._observe_maps(states, out)
+
         if self.packing.observation == "cell":
             out[:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
             return out
-        places, patch_end, irs_end = states & _PLACE, self.packing.patch_end, self.packing.irs_end
+
+        places = states & _PLACE
+        patch_end = self.packing.patch_end
+        irs_end = self.packing.irs_end
         scenes = places // self._size
         windows = self.windows[places[:, None] + self._rows]
         out[:, :patch_end] = windows.view(np.float32)
@@ -124,6 +129,7 @@ class ManyScenes:
         out[:, irs_end + 2 : irs_end + 4] = self._to_goal.take(states >> _OFFSET, axis=0)
         if self.packing.observation == "masked":
             out[:, irs_end + 4 :] = self.action_mask(states)
+
         return out
 
     def _observe_maps(self, states: States, out: Rows) -> Rows:
@@ -137,20 +143,26 @@ class ManyScenes:
         margin = self.margin[before // 2 : before // 2 + len(self.legal)].reshape(-1, *self.shape)
         images[:, 0], images[:, 1] = margin[scenes, :columns, :rows], ~self.worlds.pool.free[scenes]
         images[:, 2:] = 0.0
+
         for channel, cells in ((2, self._cells(states)), (3, self.goals(states))):
             images[each, channel, cells[:, 0], cells[:, 1]] = 1.0
+
         return out
 
     def cells(self, states: States) -> Ints:  # noqa: D102
         return states & _PLACE
 
     def distance_to_go(self, states: States) -> NDArray[np.float64]:  # noqa: D102
-        pool, scenes, goals = self.worlds.pool, self.scenes(states), self.goals(states)
+        pool = self.worlds.pool
+        scenes = self.scenes(states)
+        goals = self.goals(states)
         cells = self._cells(states)
         to_go = pool.distance_to_go[scenes, cells[:, 0], cells[:, 1]]
+
         for n in np.flatnonzero((goals != pool.goal[scenes]).any(axis=1)).tolist():
             world, goal = self.scene_and_goal(states, n)
             to_go[n] = tabulate(world, goal).distance_to_go[cells[n, 0], cells[n, 1]]
+
         return np.asarray(to_go)
 
     def gain_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
@@ -241,7 +253,8 @@ def build_many_scenes(worlds: Worlds) -> ManyScenes:
 
     Raises ``ValueError`` where there are more cells than it can number.
     """
-    task, pool = worlds.task, worlds.pool
+    task = worlds.task
+    pool = worlds.pool
     border = max(task.patch_radius, 1)  # without any, moves would lead from one map to the next
     shape = (pool.shape[0] + border, pool.shape[1] + border)
     cells = len(pool) * shape[0] * shape[1]
@@ -249,23 +262,28 @@ def build_many_scenes(worlds: Worlds) -> ManyScenes:
         raise ValueError(
             f"{len(pool)} scenes of {shape} cells, borders included, are more than {2**_ENTRY} cells"
         )
+
     before = task.patch_radius * (shape[1] + 1)
     margin = np.full(cells + 2 * before, -1.0, dtype=np.float32)
     seen = margin[before : before + cells].reshape(len(pool), *shape)
     legal = np.empty(
         (1 if task.constraint == "refuse" else 2, len(pool), shape[0] * shape[1]), dtype=np.uint16
     )
+
     for first in range(0, len(pool), _BLOCK):
         block = slice(first, first + _BLOCK)
         here = scaled_margin(pool.gain_db[block], pool.target_db[block, None, None])
         seen[block, : pool.shape[0], : pool.shape[1]] = here
         free, feasible = (_bordered(each[block], shape) for each in (pool.free, pool.feasible))
+
         for kind, may in zip(legal, permissions(task.constraint, free, feasible), strict=False):
             kind[block] = np.packbits(may, axis=-1, bitorder="little").reshape(
                 -1, shape[0] * shape[1]
             )
+
     legal *= ACTIONS
     packing = Packing(task.observation, 2 * task.patch_radius + 1, pool.irs.shape[1], pool.shape)
+
     return ManyScenes(
         worlds=worlds,
         packing=packing,
@@ -296,10 +314,13 @@ def _offsets(shape: tuple[int, int]) -> Ints:
 
 def _rewards(worlds: Worlds) -> dict[str, NDArray[Any]]:
     """Rewards of all moves and whether they reach the goal, by offset and code."""
-    task, cell_size = worlds.task.common, worlds.pool.cell_size
-    offsets, is_legal = _offsets(worlds.pool.shape)[:, None, None], np.array([False, True])
+    task = worlds.task.common
+    cell_size = worlds.pool.cell_size
+    offsets = _offsets(worlds.pool.shape)[:, None, None]
+    is_legal = np.array([False, True])
     after = offsets + MOVES[:, None] * is_legal[:, None]  # (O, 8, 2, 2)
     is_at_goal = is_legal & (after == 0).all(axis=-1)
     now, then = (potential(task, each, cell_size) for each in (offsets, after))
     rewards = reward(task, MOVE_LENGTHS[:, None] * cell_size, now, then, is_at_goal)
+
     return {"reward": rewards.ravel(), "is_at_goal": is_at_goal.ravel()}

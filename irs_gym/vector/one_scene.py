@@ -51,6 +51,7 @@ class OneScene:
         terminated = self.is_terminated.take(entry)
         # where moves are refused, only the goal ends an episode
         is_refusing = self.cost is None
+
         return Outcome(
             self.next_state.take(entry),
             self.reward.take(entry),
@@ -65,11 +66,13 @@ class OneScene:
             # "clip" is the fast mode of a gather into an array; states come from the tables and are
             # in range
             return self.observations.take(states, axis=0, out=out, mode="clip")
+
         numbers, cells = np.divmod(states, self.world.feasible.size)
         for number, goal in enumerate(self.goals):
             here = numbers == number
             rows = np.empty((int(np.count_nonzero(here)), out.shape[1]), dtype=np.float32)
             out[here] = build_observer(self.world, goal).rows(cells[here], rows)
+
         return out
 
     def cells(self, states: States) -> States:  # noqa: D102
@@ -93,6 +96,7 @@ def build_one_scene(world: World, goals: tuple[Cell, ...]) -> OneScene:
     tables = [tabulate(world, goal) for goal in goals]
     observed = [build_observer(world, goal).table for goal in goals]
     size = world.feasible.size
+
     return OneScene(
         world=world,
         goals=goals,

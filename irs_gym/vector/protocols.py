@@ -31,6 +31,7 @@ class Outcome(NamedTuple):
     def clear(self, chosen: NDArray[np.int64], states: States) -> None:
         """Nothing but to be in the given states for the chosen robots: they have just begun."""
         self.states[chosen] = states
+
         for array in self[1:]:
             if array is not None:
                 array[chosen] = 0

@@ -50,6 +50,7 @@ class SingleEnvs:
             raise AttributeError(
                 f"single environments have no attribute {name!r}, and no method of that name"
             )
+
         return tuple(self._answer(i, name, args, kwargs) for i in range(self._num_envs))
 
     def set_attr(self, name: str, values: Any) -> None:
@@ -61,12 +62,14 @@ class SingleEnvs:
         """
         if not isinstance(values, list | tuple):
             values = [values] * self._num_envs
+
         if len(values) != self._num_envs:
             raise ValueError(f"values holds {len(values)} values for {self._num_envs} environments")
         if hasattr(self._make().unwrapped, name):
             raise AttributeError(
                 f"{name!r} cannot be set: the environments share it, so make new ones"
             )
+
         self._own[name] = list(values)
 
     def _answer(self, i: int, name: str, args: Any, kwargs: Any) -> Any:
@@ -74,5 +77,7 @@ class SingleEnvs:
         env.spec = self._envs.spec
         if name not in self.ALIKE:
             env.take_over(*self._snapshot(i))
+
         value = getattr(env, name)
+
         return value(*args, **kwargs) if callable(value) else value

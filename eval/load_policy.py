@@ -127,13 +127,12 @@ def load_policy(
     """
     if Path(name).suffix == ".npz":
         policy = read_network(Path(name).read_bytes())
-        return _on_scenes(
-            policy, "flat" if isinstance(policy, Explorer) else "map", place, render_mode
-        )
+        observation = "flat" if isinstance(policy, Explorer) else "map"
+        return _on_scenes(policy, observation, place, render_mode)
 
-    if Path(name).exists() and (
-        Path(name, "manifest.json").exists() or name not in (*ALGORITHMS, *GENERALISTS)
-    ):
+    # a folder that happens to be called "ppo" is no run unless it holds one
+    is_run = Path(name, "manifest.json").exists() or name not in (*ALGORITHMS, *GENERALISTS)
+    if Path(name).exists() and is_run:
         return _of_run(Run.open(name), place, render_mode, model)
 
     if name in ALGORITHMS:
@@ -141,7 +140,7 @@ def load_policy(
         return LoadedPolicy(pretrained, pretrained.make_env(render_mode))
 
     if name in GENERALISTS:
-        return _generalist(load_pretrained(name).policy, name, place, render_mode)  # type: ignore[arg-type]
+        return _generalist(load_pretrained(name).policy, name, place, render_mode)
     if name in REFERENCE_POLICIES:
         return _reference(lambda env: REFERENCE_POLICIES[name](env, seed), place, render_mode)
 
@@ -171,7 +170,7 @@ def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) ->
     env = gymnasium.make(
         "irs_gym:IrsNavRandom-v0", render_mode=render_mode, observation=observation, **arguments
     )
-    if isinstance(policy, Explorer):
+    if isinstance(policy, Explorer):  # its memory is as large as the largest map
         inner: Any = env.unwrapped
         policy = replace(policy, shape=inner.worlds.pool.shape)
 
@@ -185,6 +184,7 @@ def _reference(
         env = _in_task(Task(**place.given), render_mode)
         return LoadedPolicy(make(env), env)
 
+    # a reference policy is made for its environment, which comes first
     blank = _on_scenes(None, "flat", place, render_mode)
     return replace(blank, policy=make(blank.env))
 

@@ -98,12 +98,9 @@ VALUES: Values = {
     "oracle_distance": _oracle_distance,
 }
 KEYS = tuple(VALUES)
-SLOW = (
-    "refused",
-    "is_refused",
-    "distance_to_go",
-    "gain_db",
-)  # with them, a step of a vector takes a third longer
+SCENE_KEYS = ("scene_number", "scene_id")  # over many scenes
+# With these, a step of a vector takes a third longer; and names are no numbers, as wrappers ask for.
+SLOW = ("refused", "is_refused", "distance_to_go", "gain_db", "scene_id")
 
 Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
 

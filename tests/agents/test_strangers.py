@@ -386,6 +386,7 @@ def test_pretrained_policies_of_sb3_over_many_scenes_are_arrays_too(tmp_path, mo
     model = default.agent.build(env, seed=0)
     run = Run.create(tmp_path / "runs" / "it", record_of(default))
     run.save_model("best", model, 8, success=0.5, spl=0.5)
+    run.write_curve([{"steps": 8, "seconds": 1.0, "success": 0.5, "spl": 0.5}])
     run.update(status="finished")
     words = ["--algorithms", "recurrent_ppo", "--out", tmp_path / "models"]
     assert evaluate(monkeypatch, "pretrain", tmp_path / "runs", *words) == 0

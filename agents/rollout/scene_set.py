@@ -100,7 +100,7 @@ def roll_out_scene_set(
     scenes = np.arange(len(pool))
     packing = ground.packing
     states = ground.states_of(scenes, pool.start, pool.goal)
-    travelled = np.zeros(len(pool), dtype=np.complex128)
+    distance = np.zeros(len(pool))
     memory = None
     is_over = np.zeros(len(pool), dtype=bool)
     first = np.ones(len(pool), dtype=bool)
@@ -116,12 +116,12 @@ def roll_out_scene_set(
         moving = ~is_over[asked]
         outcome = ground.move(states[asked[moving]], np.asarray(actions)[moving])
         states[asked[moving]] = outcome.states
-        travelled[asked[moving]] += outcome.travel
+        distance[asked[moving]] += outcome.moved
         is_over[asked[moving]] = outcome.is_terminated
         if is_over.all():
             break
 
-    return SceneSetResults(is_over, travelled.real, pool.oracle_distance)
+    return SceneSetResults(is_over, distance, pool.oracle_distance)
 
 
 def follow(

@@ -108,11 +108,9 @@ def roll_out_scene_set(
     for _ in range(max_steps):
         # Those who have arrived are asked no more, unless the policy's memory has a place for each.
         asked = scenes if memory is not None else np.flatnonzero(~is_over)
-        rows = ground.observe(
-            states[asked], np.empty((len(asked), packing.width), dtype=np.float32)
-        )
+        parts = ground.observe(states[asked], packing.empty(len(asked)))
         actions, memory = policy.predict(
-            packing.unpack(rows), memory, first[asked], deterministic=True
+            packing.unpack(parts), memory, first[asked], deterministic=True
         )
         first[:] = False
         moving = ~is_over[asked]

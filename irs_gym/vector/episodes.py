@@ -62,7 +62,7 @@ class VectorEpisodes:
 
         self._rngs: list[np.random.Generator | None] = [None] * n
         self._is_reset = False
-        self._buffer = np.empty((n, sampler.packing.width), dtype=np.float32)
+        self._buffer = sampler.packing.empty(n)
 
     def reset(
         self, seeds: Sequence[int | None] | None, options: dict[str, Any] | None
@@ -225,10 +225,10 @@ class VectorEpisodes:
         ones.
         """
         packing = self._sampler.packing
-        final_rows = np.empty((len(ended), packing.width), dtype=np.float32)
-        final_rows = self._sampler.ground.observe(self._states[ended], final_rows)
+        final_parts = self._sampler.ground.observe(self._states[ended], packing.empty(len(ended)))
+        final_obs = map(packing.unpack, zip(*final_parts, strict=True))
         final = {
-            "final_obs": _objects(self.num_envs, ended, map(packing.unpack, final_rows)),
+            "final_obs": _objects(self.num_envs, ended, final_obs),
             "_final_obs": self._just_ended.copy(),
             "final_info": self._infos.of(step, ended),
             "_final_info": self._just_ended.copy(),
@@ -263,7 +263,7 @@ class VectorEpisodes:
     # --- what is returned -------------------------------------------------------------------------
 
     def _observe(self) -> Any:
-        out = np.empty_like(self._buffer) if self.copy else self._buffer
+        out = self._sampler.packing.empty(self.num_envs) if self.copy else self._buffer
         return self._sampler.packing.unpack(self._sampler.ground.observe(self._states, out))
 
     def _opening(self) -> Step:

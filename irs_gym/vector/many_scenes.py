@@ -110,29 +110,35 @@ class ManyScenes:
             is_at_goal,
         )
 
-    def observe(self, states: States, out: Rows) -> Rows:  # noqa: D102
+    def observe(self, states: States, out: tuple[Rows, ...]) -> tuple[Rows, ...]:  # noqa: D102
+        first = out[0]
         if self.packing.observation == "map":
-            return self._observe_maps(states, out)
+            self._observe_maps(states, first)
+            return out
 
         if self.packing.observation == "cell":
-            out[:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
+            first[:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
             return out
 
         places = states & _PLACE
         patch_end = self.packing.patch_end
         irs_end = self.packing.irs_end
         scenes = places // self._size
-        windows = self.windows[places[:, None] + self._rows]
-        out[:, :patch_end] = windows.view(np.float32)
-        out[:, patch_end:irs_end] = self.worlds.pool.irs.take(scenes, axis=0)
-        out[:, irs_end : irs_end + 2] = self._own.take(places - scenes * self._size, axis=0)
-        out[:, irs_end + 2 : irs_end + 4] = self._to_goal.take(states >> _OFFSET, axis=0)
+        patch, irs, position = (
+            out
+            if self.packing.observation == "dict"
+            else (first[:, :patch_end], first[:, patch_end:irs_end], first[:, irs_end:])
+        )
+        patch[:] = self.windows[places[:, None] + self._rows].view(np.float32)
+        irs[:] = self.worlds.pool.irs.take(scenes, axis=0)
+        position[:, :2] = self._own.take(places - scenes * self._size, axis=0)
+        position[:, 2:] = self._to_goal.take(states >> _OFFSET, axis=0)
         if self.packing.observation == "masked":
-            out[:, irs_end + 4 :] = self.action_mask(states)
+            out[1][:] = self.action_mask(states)
 
         return out
 
-    def _observe_maps(self, states: States, out: Rows) -> Rows:
+    def _observe_maps(self, states: States, out: Rows) -> None:
         scenes, each, (columns, rows) = (
             self.scenes(states),
             np.arange(len(states)),
@@ -146,8 +152,6 @@ class ManyScenes:
 
         for channel, cells in ((2, self._cells(states)), (3, self.goals(states))):
             images[each, channel, cells[:, 0], cells[:, 1]] = 1.0
-
-        return out
 
     def cells(self, states: States) -> Ints:  # noqa: D102
         return states & _PLACE

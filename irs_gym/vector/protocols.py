@@ -43,8 +43,8 @@ class TransitionModel(Protocol):
     def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:
         """What actions do in states."""
 
-    def observe(self, states: States, out: Rows) -> Rows:
-        """Packed observations, written to ``out`` (n, D)."""
+    def observe(self, states: States, out: tuple[Rows, ...]) -> tuple[Rows, ...]:
+        """Parts of observations, written to ``out``; see `Packing.empty`."""
 
     def cells(self, states: States) -> NDArray[np.int64]:
         """Flat cells; where there are several maps, they lie one above the other."""

@@ -108,7 +108,7 @@ def roll_out_scene_set(
     for _ in range(max_steps):
         # Those who have arrived are asked no more, unless the policy's memory has a place for each.
         asked = scenes if memory is not None else np.flatnonzero(~is_over)
-        parts = ground.observe(states[asked], packing.empty(len(asked)))
+        parts = ground.observe(states[asked])
         actions, memory = policy.predict(
             packing.unpack(parts), memory, first[asked], deterministic=True
         )

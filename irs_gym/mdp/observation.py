@@ -20,6 +20,7 @@ _MOST_CELLS = 2**24  # whole numbers up to this one are float32 as well
 _LARGEST_TABLE = 2**27  # bytes: observations of larger worlds are computed as they are asked for
 
 Rows = NDArray[np.float32]
+Parts = tuple[Rows, ...]  # of rows: one for each array of an observation
 
 
 @dataclass(frozen=True)
@@ -87,18 +88,18 @@ class Packing:
         edges = [0, *inner.get(self.observation, ()), self.width]
         return tuple(slice(*each) for each in pairwise(edges))
 
-    def empty(self, count: int) -> tuple[Rows, ...]:
+    def empty(self, count: int) -> Parts:
         """Memory for the parts of that many rows. Each part is in one piece, as not every library
         of arrays takes a view with gaps.
         """
         widths = [each.stop - each.start for each in self.columns]
         return tuple(np.empty((count, width), dtype=np.float32) for width in widths)
 
-    def split(self, rows: Rows) -> tuple[Rows, ...]:
+    def split(self, rows: Rows) -> Parts:
         """Parts of rows ``(..., D)``, as views of them."""
         return tuple(rows[..., each] for each in self.columns)
 
-    def unpack(self, parts: tuple[Rows, ...]) -> Any:
+    def unpack(self, parts: Parts) -> Any:
         """Observations of the parts of rows, with the leading axes kept: views of them, but for
         masks and cells.
         """

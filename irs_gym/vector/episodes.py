@@ -225,7 +225,7 @@ class VectorEpisodes:
         ones.
         """
         packing = self._sampler.packing
-        final_parts = self._sampler.ground.observe(self._states[ended], packing.empty(len(ended)))
+        final_parts = self._sampler.ground.observe(self._states[ended])
         final_obs = map(packing.unpack, zip(*final_parts, strict=True))
         final = {
             "final_obs": _objects(self.num_envs, ended, final_obs),
@@ -263,7 +263,7 @@ class VectorEpisodes:
     # --- what is returned -------------------------------------------------------------------------
 
     def _observe(self) -> Any:
-        out = self._sampler.packing.empty(self.num_envs) if self.copy else self._buffer
+        out = None if self.copy else self._buffer
         return self._sampler.packing.unpack(self._sampler.ground.observe(self._states, out))
 
     def _opening(self) -> Step:

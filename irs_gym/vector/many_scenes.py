@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from irs_gym.datasets.random_task import Worlds
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell
 from irs_gym.mdp.dynamics import ACTIONS, ends, permissions, potential, reward, tabulate
-from irs_gym.mdp.observation import Packing, Rows, own_positions, scaled_margin, vectors_to_goal
+from irs_gym.mdp.observation import (
+    Packing,
+    Parts,
+    Rows,
+    own_positions,
+    scaled_margin,
+    vectors_to_goal,
+)
 from irs_gym.memory import freeze, frozen
 from irs_gym.vector.protocols import Outcome, States
 
@@ -110,7 +117,8 @@ class ManyScenes:
             is_at_goal,
         )
 
-    def observe(self, states: States, out: tuple[Rows, ...]) -> tuple[Rows, ...]:  # noqa: D102
+    def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
+        out = self.packing.empty(len(states)) if out is None else out
         first = out[0]
         if self.packing.observation == "map":
             self._observe_maps(states, first)

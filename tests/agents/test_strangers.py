@@ -351,7 +351,7 @@ def test_header_that_lies_about_its_size_is_refused(tmp_path):
     with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("action_net.bias.npy", member.getvalue())
     replace_file(run, run.manifest.models["best"].file, content.getvalue())
-    with pytest.raises(RunError, match="but .* values of the type float32 are others"):
+    with pytest.raises(RunError, match=r"but .* values of the type float32 are others"):
         run.load_model()
 
 

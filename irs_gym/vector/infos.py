@@ -25,7 +25,7 @@ class Step(NamedTuple):
     # of this step alone
     is_refused: Bools | None  # None where none is
     cost: Floats | None  # None where it is always 0
-    is_success: Bools
+    is_success: Bools | None  # None where none is
 
     def of(self, chosen: NDArray[np.int64]) -> "Step":
         """The same for some of the robots."""
@@ -69,12 +69,13 @@ def _cost(step: Step) -> Floats:
 
 
 def _is_success(step: Step) -> Bools:
-    return step.is_success
+    return np.zeros(len(step.states), dtype=bool) if step.is_success is None else step.is_success
 
 
 def _spl(step: Step) -> Floats:
-    if not np.count_nonzero(step.is_success):  # as nearly always
+    if step.is_success is None:
         return np.zeros(len(step.states))
+
     return spl(step.is_success, step.oracle_distance, step.distance)
 
 

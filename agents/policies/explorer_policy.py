@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from agents.networks.map_network import pack_network
 from agents.policies.belief_map import BeliefMap, parts_of
 from agents.policies.observation_decoding import decode
+from irs_gym.grid import cells_at
 
 Ints = NDArray[np.int64]
 _BATCH = 64  # maps in work at a time
@@ -70,7 +71,7 @@ class Explorer:
                 old.seen.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves
             )
 
-        seen = old.seen.look(np.stack(np.divmod(at, self.shape[1]), axis=-1), patches)
+        seen = old.seen.look(cells_at(at, self.shape), patches)
         is_new = np.isnan(old.seen.maps).sum(axis=(1, 2)) != np.isnan(seen.maps).sum(axis=(1, 2))
         changed = np.flatnonzero(is_new | (to != old.goals))
         moves = old.moves.copy()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import MOVES
+from irs_gym.grid import flat_cells
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -48,9 +48,8 @@ def decode(observation: Any, shape: tuple[int, int]) -> tuple[Ints, Ints]:
     position = np.asarray(position, dtype=np.float64)
     robot = np.rint((position[..., :2] + 1.0) / 2.0 * shape - 0.5).astype(np.int64)
     goal = robot + np.rint(position[..., 2:] * shape).astype(np.int64)
-    step = np.array([shape[1], 1])
 
-    return robot @ step, goal @ step
+    return flat_cells(robot, shape), flat_cells(goal, shape)
 
 
 def seen_feasible(observation: Any, radius: int | None) -> Bools:
@@ -90,14 +89,3 @@ def unmasked(observation: Any) -> Any:
     """The flat observation beside an action mask; any other as it is."""
     is_masked = isinstance(observation, Mapping) and "action_mask" in observation
     return observation["observation"] if is_masked else observation
-
-
-def ahead(values: Floats) -> Floats:
-    """Values ``(X, Y)`` of the cells that the eight moves lead to, shape ``(X, Y, 8)``; +inf off
-    the map.
-    """
-    columns, rows = values.shape
-    padded = np.pad(values, 1, constant_values=np.inf)
-    return np.stack(
-        [padded[1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1
-    )

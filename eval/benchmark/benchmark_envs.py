@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium import spaces
 
 from eval.benchmark.timing import Steps
+from irs_gym.grid import flat_cells
 from irs_gym.mdp.observation import build_observer
 
 ID = "irs_gym:IrsNav-v0"
@@ -142,7 +143,7 @@ def _cells(observation: Any, world: Any) -> Any:
     """Flat cells that robots are in, from their own position in the observation."""
     shape = np.array(world.feasible.shape)
     cells = np.rint((observation["position"][:, :2] + 1.0) / 2.0 * shape - 0.5).astype(np.int64)
-    return cells @ np.array([shape[1], 1])
+    return flat_cells(cells, world.feasible.shape)
 
 
 def envpool_batch(env_id: str, num_envs: int) -> Steps:

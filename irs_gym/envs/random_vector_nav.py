@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds, random_task_of
 from irs_gym.envs.random_nav import IrsNavRandomEnv
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, cells_at
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
 from irs_gym.mdp.checks import (
     METADATA,
@@ -256,6 +256,6 @@ class _EpisodeSampler:
         for n, rng in enumerate(rngs if task.random_start else ()):
             if draws_start(task, rng):
                 cells = start_cells(pool.distance_to_go[numbers[n]], tuple(goals[n].tolist()))
-                starts[n] = divmod(draw_start(cells, rng), pool.shape[1])
+                starts[n] = cells_at(np.array(draw_start(cells, rng)), pool.shape)
 
         return starts, goals

@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from irs_gym.envs.nav import IrsNavEnv
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, flat_cells
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
 from irs_gym.mdp.checks import (
     METADATA,
@@ -229,16 +229,14 @@ class _EpisodeSampler:
         each.
         """
         own = start or self.world.start
-        columns = self.world.feasible.shape[1]
-        fixed = own[0] * columns + own[1]
+        grid = self.world.radio_map.grid
+        fixed = grid.flat(own)
         if start is not None or not self.is_random:
             tables_for(self.world, own, goal)
             return np.full(len(chosen), fixed)
 
-        cells = np.array([choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]) @ [
-            columns,
-            1,
-        ]
+        drawn = [choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]
+        cells = flat_cells(np.array(drawn), grid.shape)
         if fixed in cells:
             tables_for(self.world, own, goal)
 

@@ -225,13 +225,12 @@ def _packed_rows(
     own = own_positions(cells, shape)
     to_goal = vectors_to_goal(cells - np.array(goal), shape)
     irs = world.irs
-    columns = shape[1]
     patch_end = packing.patch_end
     irs_end = packing.irs_end
     mask = action_mask(world) if packing.observation == "masked" else None
 
     def rows(at: NDArray[np.int64], out: Rows) -> Rows:
-        i, j = np.divmod(at, columns)
+        i, j = cells[at].T
         out[:, :patch_end] = windows[i, j].reshape(len(at), patch_end)
         out[:, patch_end:irs_end] = irs[i, j]
         out[:, irs_end : irs_end + 2] = own[at]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import floor, sqrt
 from numbers import Real
 from operator import index
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,7 @@ for _constant in (MOVES, MOVE_LENGTHS):
     _constant.setflags(write=False)
 
 Cell = tuple[int, int]
+_Int = TypeVar("_Int", bound=np.integer[Any])
 
 # metres: of a cell's edge, and of any coordinate
 SMALLEST = 1e-9
@@ -258,7 +259,7 @@ def checked_map(values: Any, name: str, kinds: str, each: float = 0) -> NDArray[
     return array
 
 
-def flat_cells(cells: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+def flat_cells(cells: NDArray[_Int], shape: tuple[int, int]) -> NDArray[_Int]:
     """Numbers of cells (i, j) on a map of that shape; or how far apart, for differences of cells.
 
     ``cells`` has the shape ``(..., 2)``, the result ``(...)``. One cell: `Grid.flat`.
@@ -271,7 +272,7 @@ def flat_cells(cells: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     return np.asarray(cells[..., 0] * shape[1] + cells[..., 1])
 
 
-def cells_at(flat: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+def cells_at(flat: NDArray[_Int], shape: tuple[int, int]) -> NDArray[_Int]:
     """Cells (i, j) of those numbers ``(...)``, shape ``(..., 2)``: undoes `flat_cells`.
 
     Examples
@@ -280,7 +281,10 @@ def cells_at(flat: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     array([[0, 0],
            [1, 2]])
     """
-    return np.stack(np.divmod(flat, shape[1]), axis=-1)
+    cells = np.empty((*flat.shape, 2), dtype=flat.dtype)
+    np.divmod(flat, shape[1], out=(cells[..., 0], cells[..., 1]))  # a third of the time of a stack
+
+    return cells
 
 
 def neighbours(values: NDArray[Any], fill: Any, axis: int = -1) -> NDArray[Any]:

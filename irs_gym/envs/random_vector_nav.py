@@ -167,7 +167,7 @@ def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorE
 
 def _scene_number(step: Step) -> NDArray[np.int64]:
     scenes: ManyScenes = step.ground  # type: ignore[assignment]
-    return scenes.scenes(step.states)
+    return scenes.code.scenes(step.states)
 
 
 def _scene_id(step: Step) -> NDArray[np.object_]:
@@ -215,12 +215,12 @@ class _EpisodeSampler:
             starts, goals = self._own_ends(numbers, rngs)
 
         states = states.copy()
-        states[chosen] = self.ground.states_of(np.array(numbers), starts, goals)
+        states[chosen] = self.ground.code.encode(np.array(numbers), starts, goals)
 
         return states
 
     def scene_number(self, states: States, i: int) -> int:
-        return int(self.ground.scenes(states[[i]])[0])
+        return int(self.ground.code.scenes(states[[i]])[0])
 
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         return self.ground.scene_and_goal(states, i)

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from agents.registry import NetworkName
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.files import read_arrays
-from irs_gym.mdp.observation import MARGIN_SCALE_DB
+from irs_gym.mdp.packing import MARGIN_SCALE_DB
 from irs_gym.memory import check_memory
 
 STILL = [

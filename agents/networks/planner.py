@@ -14,7 +14,7 @@ from torch.nn.functional import pad
 from agents.networks.map_network import MapPlan
 from agents.registry import Encoding
 from irs_gym.grid import MOVES
-from irs_gym.mdp.observation import MARGIN_SCALE_DB
+from irs_gym.mdp.packing import MARGIN_SCALE_DB
 
 MARGIN_SCALES_DB = (5.0, 1.0, 0.2, 0.04, 0.008)
 LOG_COST = (-2.0, 9.0)  # natural logarithms of the least and the highest cost of a move

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agents.policies.observation_decoding import unmasked
 from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.mdp.observation import scaled_margin
+from irs_gym.mdp.packing import scaled_margin
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import MOVE_NAMES, as_cell
 from irs_gym.mdp.dynamics import ACTIONS
-from irs_gym.mdp.observation import Packing
+from irs_gym.mdp.packing import Packing
 from irs_gym.memory import check_memory
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene

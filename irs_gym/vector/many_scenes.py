@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 from irs_gym.datasets.random_task import Worlds
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell
 from irs_gym.mdp.dynamics import ACTIONS, ends, permissions, potential, reward, tabulate
-from irs_gym.mdp.observation import Packing, Rows, own_positions, scaled_margin, vectors_to_goal
+from irs_gym.mdp.packing import (
+    GOAL,
+    MARGIN,
+    OBSTACLE,
+    ROBOT,
+    Packing,
+    Rows,
+    own_positions,
+    scaled_margin,
+    vectors_to_goal,
+)
 from irs_gym.memory import freeze, frozen
 from irs_gym.vector.protocols import Outcome, States
 
@@ -119,32 +129,32 @@ class ManyScenes:
             return out
 
         places = states & _PLACE
-        patch_end = self.packing.patch_end
-        irs_end = self.packing.irs_end
         scenes = places // self._size
-        windows = self.windows[places[:, None] + self._rows]
-        out[:, :patch_end] = windows.view(np.float32)
-        out[:, patch_end:irs_end] = self.worlds.pool.irs.take(scenes, axis=0)
-        out[:, irs_end : irs_end + 2] = self._own.take(places - scenes * self._size, axis=0)
-        out[:, irs_end + 2 : irs_end + 4] = self._to_goal.take(states >> _OFFSET, axis=0)
-        if self.packing.observation == "masked":
-            out[:, irs_end + 4 :] = self.action_mask(states)
+        windows = self.windows[places[:, None] + self._rows]  # (n, 2r+1), a row of a patch each
+        is_masked = self.packing.observation == "masked"
 
-        return out
+        return self.packing.encode(
+            out,
+            patch=windows.view(np.float32),  # (n, (2r+1)**2)
+            irs=self.worlds.pool.irs.take(scenes, axis=0),
+            own=self._own.take(places - scenes * self._size, axis=0),
+            to_goal=self._to_goal.take(states >> _OFFSET, axis=0),
+            action_mask=self.action_mask(states) if is_masked else None,
+        )
 
     def _observe_maps(self, states: States, out: Rows) -> Rows:
-        scenes, each, (columns, rows) = (
-            self.scenes(states),
-            np.arange(len(states)),
-            self.packing.shape,
-        )
-        images = out.reshape(len(states), 4, columns, rows)
+        scenes = self.scenes(states)
+        each = np.arange(len(states))
+        columns, rows = self.packing.shape
+        images = self.packing.unpack(out)  # (n, 4, X, Y), a view
+
         before = len(self.margin) - len(self.legal)
         margin = self.margin[before // 2 : before // 2 + len(self.legal)].reshape(-1, *self.shape)
-        images[:, 0], images[:, 1] = margin[scenes, :columns, :rows], ~self.worlds.pool.free[scenes]
-        images[:, 2:] = 0.0
+        images[:, MARGIN] = margin[scenes, :columns, :rows]
+        images[:, OBSTACLE] = ~self.worlds.pool.free[scenes]
 
-        for channel, cells in ((2, self._cells(states)), (3, self.goals(states))):
+        for channel, cells in ((ROBOT, self._cells(states)), (GOAL, self.goals(states))):
+            images[:, channel] = 0.0
             images[each, channel, cells[:, 0], cells[:, 1]] = 1.0
 
         return out

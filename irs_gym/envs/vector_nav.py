@@ -58,8 +58,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         ``"ansi_list"`` as well.
     infos
         Keys that the infos hold, at every step the same: ``"all"`` of the single environment's, a
-        list of some, or ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go`` and
-        ``gain_db``.
+        list of some, or ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go``,
+        ``gain_db`` and ``margin_db``.
     **arguments
         The fields of `irs_gym.mdp.task.Task`.
 

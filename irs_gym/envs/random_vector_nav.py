@@ -249,12 +249,12 @@ class _EpisodeSampler:
         known to be feasible.
         """
         pool = self.worlds.pool
-        task = self.worlds.task.common
+        rules = self.worlds.task.rules
         starts = pool.start[numbers]
         goals = pool.goal[numbers]
 
-        for n, rng in enumerate(rngs if task.random_start else ()):
-            if draws_start(task, rng):
+        for n, rng in enumerate(rngs if rules.random_start else ()):
+            if draws_start(rules, rng):
                 cells = start_cells(pool.distance_to_go[numbers[n]], tuple(goals[n].tolist()))
                 starts[n] = divmod(draw_start(cells, rng), pool.shape[1])
 

@@ -196,8 +196,8 @@ class _EpisodeSampler:
         self.world = world
         self.ground = build_one_scene(world, (world.goal,))
         self.packing = build_observer(world, world.goal).packing
-        self.is_random = bool(world.task.random_start)
-        self.is_violable = world.task.constraint == "allow"
+        self.is_random = bool(world.rules.random_start)
+        self.is_violable = world.rules.constraint == "allow"
         self.map_shape = world.radio_map.grid.shape
         self._goals: list[Cell] = [world.goal] * num_envs
 

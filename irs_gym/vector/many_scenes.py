@@ -106,7 +106,7 @@ class ManyScenes:
         if self.violating is not None:
             is_violation = _BITS.take(self.violating.take(places) + actions)
             cost = is_violation.astype(np.float64)
-            is_terminated = ends(self.worlds.task.common, is_at_goal, is_violation)
+            is_terminated = ends(self.worlds.task.rules, is_at_goal, is_violation)
 
         return Outcome(
             states + self._steps.take(codes),
@@ -326,13 +326,13 @@ def _offsets(shape: tuple[int, int]) -> Ints:
 
 def _rewards(worlds: Worlds) -> dict[str, NDArray[Any]]:
     """Rewards of all moves and whether they reach the goal, by offset and code."""
-    task = worlds.task.common
+    rules = worlds.task.rules
     cell_size = worlds.pool.cell_size
     offsets = _offsets(worlds.pool.shape)[:, None, None]
     is_legal = np.array([False, True])
     after = offsets + MOVES[:, None] * is_legal[:, None]  # (O, 8, 2, 2)
     is_at_goal = is_legal & (after == 0).all(axis=-1)
-    now, then = (potential(task, each, cell_size) for each in (offsets, after))
-    rewards = reward(task, MOVE_LENGTHS[:, None] * cell_size, now, then, is_at_goal)
+    now, then = (potential(rules, each, cell_size) for each in (offsets, after))
+    rewards = reward(rules, MOVE_LENGTHS[:, None] * cell_size, now, then, is_at_goal)
 
     return {"reward": rewards.ravel(), "is_at_goal": is_at_goal.ravel()}

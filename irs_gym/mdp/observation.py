@@ -56,8 +56,10 @@ class Observer:
     def __post_init__(self) -> None:
         # Robots are in the same cells again and again, and to copy parts is faster than to take a
         # copy apart.
-        unpacked = lru_cache(maxsize=4096)(lambda cell: self.packing.unpack(self.table[cell]))  # type: ignore[index]
-        object.__setattr__(self, "_unpacked", unpacked)
+        def unpacked(cell: int) -> Any:
+            return self.packing.unpack(self.packing.split(self.table[cell]))  # type: ignore[index]
+
+        object.__setattr__(self, "_unpacked", lru_cache(maxsize=4096)(unpacked))
 
     def __reduce__(self) -> Any:
         return build_observer, (self.world, self.goal)
@@ -69,7 +71,7 @@ class Observer:
 
         if self.table is None:
             rows = self.rows(np.array([cell]), np.empty((1, self.packing.width), dtype=np.float32))
-            return self.packing.unpack(rows[0])
+            return self.packing.unpack(self.packing.split(rows[0]))
 
         observation = self._unpacked(cell).copy()
         if isinstance(observation, dict):
@@ -120,14 +122,16 @@ def _flat_rows(world: World, goal: Cell, packing: Packing) -> RowWriter:
 
     def rows(at: Ints, out: Rows) -> Rows:
         i, j = np.divmod(at, columns)
-        return packing.encode(
-            out,
+        packing.encode(
+            packing.split(out),
             patch=windows[i, j].reshape(len(at), side**2),
             irs=world.irs[i, j],
             own=own[at],
             to_goal=to_goal[at],
             action_mask=None if mask is None else mask[at],
         )
+
+        return out
 
     return rows
 

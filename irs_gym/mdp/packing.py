@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from math import isqrt, prod
 from typing import Any, NamedTuple
 
@@ -16,11 +17,12 @@ from irs_gym.mdp.task import Observation
 MARGIN_SCALE_DB = 5.0  # a margin of this many dB over the target is seen as 1
 MARGIN, OBSTACLE, ROBOT, GOAL = range(4)  # channels of a map; the last three hold 0 or 1
 SETTINGS = 3  # numbers that `irs_gym.mdp.task.irs_settings` gives; phases follow them
-_POSITION = 4  # numbers: own position along x and y, vector to the goal along x and y
+_ENDS = 4  # numbers: own position along x and y, vector to the goal along x and y
 _MOST_CELLS = 2**24  # whole numbers up to this one are float32 as well
 
 Ints = NDArray[np.int64]
 Rows = NDArray[np.float32]
+Parts = tuple[Rows, ...]  # of rows: one for each array of an observation
 
 
 class DecodedObservation(NamedTuple):
@@ -51,14 +53,14 @@ class Packing:
 
     >>> packing = Packing("flat", side=3, settings=3, shape=(4, 5))
     >>> cell, goal = np.array([[1, 2]]), np.array([[3, 0]])
-    >>> rows = packing.encode(
-    ...     np.empty((1, packing.width), dtype=np.float32),
+    >>> parts = packing.encode(
+    ...     packing.empty(1),
     ...     patch=np.zeros((1, 9)),
     ...     irs=np.full((1, 3), -1.0),
     ...     own=own_positions(cell, packing.shape),
     ...     to_goal=vectors_to_goal(cell - goal, packing.shape),
     ... )
-    >>> decoded = packing.decode(rows)
+    >>> decoded = packing.decode(packing.unpack(parts))
     >>> decoded.cell.tolist(), decoded.goal.tolist(), decoded.margin.shape
     ([7], [15], (1, 3, 3))
     """
@@ -116,12 +118,12 @@ class Packing:
         if radius is not None:
             side = 2 * radius + 1
         else:
-            cells = width - SETTINGS - _POSITION  # of the patch, where there are no phase shifts
+            cells = width - SETTINGS - _ENDS  # of the patch, where there are no phase shifts
             side = isqrt(max(0, cells))
             if side**2 != cells or side % 2 == 0:
                 side = 0
 
-        return cls("flat", side, width - side**2 - _POSITION, shape)
+        return cls("flat", side, width - side**2 - _ENDS, shape)
 
     # --- columns of a row -------------------------------------------------------------------------
 
@@ -146,19 +148,18 @@ class Packing:
         return slice(self.own.stop, self.own.stop + 2)
 
     @cached_property
-    def action_mask(self) -> slice:
-        """Columns of the action mask, of masked observations alone."""
-        return slice(self.to_goal.stop, self.to_goal.stop + ACTIONS)
+    def _position(self) -> slice:
+        return slice(self.own.start, self.to_goal.stop)
 
     @cached_property
     def flat_width(self) -> int:
         """Columns of what a flat observation holds; in a masked one, the mask comes behind them."""
-        return self.to_goal.stop
+        return int(self.to_goal.stop)
 
     @cached_property
     def width(self) -> int:
         """Columns of a row, D."""
-        others = {"map": 4 * prod(self.shape), "masked": self.action_mask.stop, "cell": 1}
+        others = {"map": 4 * prod(self.shape), "masked": self.flat_width + ACTIONS, "cell": 1}
         return others.get(self.observation, self.flat_width)
 
     @property
@@ -177,24 +178,44 @@ class Packing:
 
         return _box((self.width,) if self.observation == "flat" else (4, *self.shape))
 
-    # --- from parts to rows, to observations, and back to parts -----------------------------------
+    # --- rows and their parts ---------------------------------------------------------------------
+
+    @cached_property
+    def columns(self) -> tuple[slice, ...]:
+        """Columns of a row that are an array of their own in an observation."""
+        inner = {"dict": (self.patch.stop, self.irs.stop), "masked": (self.flat_width,)}
+        edges = [0, *inner.get(self.observation, ()), self.width]
+        return tuple(slice(*each) for each in pairwise(edges))
+
+    def empty(self, count: int) -> Parts:
+        """Memory for the parts of that many rows. Each part is in one piece, as not every library
+        of arrays takes a view with gaps.
+        """
+        widths = [each.stop - each.start for each in self.columns]
+        return tuple(np.empty((count, width), dtype=np.float32) for width in widths)
+
+    def split(self, rows: Rows) -> Parts:
+        """Parts of rows ``(..., D)``, as views of them."""
+        return tuple(rows[..., each] for each in self.columns)
+
+    # --- from what robots see to parts, to observations, and back ---------------------------------
 
     def encode(
         self,
-        out: Rows,
+        out: Parts,
         *,
         patch: NDArray[np.floating[Any]],
         irs: NDArray[np.floating[Any]],
         own: NDArray[np.floating[Any]],
         to_goal: NDArray[np.floating[Any]],
         action_mask: NDArray[np.int8] | None = None,
-    ) -> Rows:
-        """Write what n robots see into rows, and return these; neither for maps nor for cells.
+    ) -> Parts:
+        """Write what n robots see, and return where; neither for maps nor for cells.
 
         Parameters
         ----------
         out
-            The rows, ``(n, D)``.
+            Parts of n rows; see `empty` and `split`.
         patch
             Scaled margins over the target around each robot, ``(n, (2r+1)**2)``.
         irs
@@ -204,33 +225,33 @@ class Packing:
         action_mask
             Shape ``(n, 8)``, where observations are masked.
         """
-        out[:, self.patch] = patch
-        out[:, self.irs] = irs
-        out[:, self.own] = own
-        out[:, self.to_goal] = to_goal
+        its_patch, its_irs, its_position = self._fields(out)
+        its_patch[:] = patch
+        its_irs[:] = irs
+        its_position[:, :2] = own
+        its_position[:, 2:] = to_goal
         if action_mask is not None:
-            out[:, self.action_mask] = action_mask
+            out[1][:] = action_mask
 
         return out
 
-    def unpack(self, rows: Rows) -> Any:
-        """Observations of rows ``(..., D)``, with the leading axes kept: views of them, but for
+    def unpack(self, parts: Parts) -> Any:
+        """Observations of the parts of rows, with the leading axes kept: views of them, but for
         masks and cells.
         """
-        if self.observation == "flat":
-            return rows
-
-        leading = rows.shape[:-1]
+        first = parts[0]
+        leading = first.shape[:-1]
         if self.observation == "masked":
-            mask = rows[..., self.action_mask].astype(np.int8)
-            return {"action_mask": mask, "observation": rows[..., : self.flat_width]}
-
+            return {"action_mask": parts[1].astype(np.int8), "observation": first}
         if self.observation == "cell":
-            return rows[..., 0].astype(np.int64) if leading else int(rows[0])
+            return first[..., 0].astype(np.int64) if leading else int(first[0])
         if self.observation == "map":
-            return rows.reshape(*leading, 4, *self.shape)
+            return first.reshape(*leading, 4, *self.shape)
+        if self.observation == "dict":
+            patch = first.reshape(*leading, self.side, self.side)
+            return {"gain_patch": patch, "irs": parts[1], "position": parts[2]}
 
-        return self._parts(rows)
+        return first
 
     def decode(self, observation: Any) -> DecodedObservation:
         """The parts of one observation, or of a batch along leading axes.
@@ -248,17 +269,21 @@ class Packing:
         if self.observation == "map":
             return self._decode_map(np.asarray(observation))
 
+        if self.observation == "dict":
+            names = ("gain_patch", "irs", "position")
+            patch, irs, position = (np.asarray(observation[name]) for name in names)
+        else:
+            flat = observation["observation"] if self.observation == "masked" else observation
+            patch, irs, position = self._fields((np.asarray(flat),))
+
         is_masked = self.observation == "masked"
-        flat = observation["observation"] if is_masked else observation
-        parts = observation if self.observation == "dict" else self._parts(np.asarray(flat))
-        irs = np.asarray(parts["irs"])
-        ends = cells_of_positions(parts["position"], self.shape)
-        cell, goal = (each @ np.array([self.shape[1], 1]) for each in ends)  # (...,), flat
+        robots, goals = cells_of_positions(position, self.shape)  # (..., 2)
+        flat_of = np.array([self.shape[1], 1])
 
         return DecodedObservation(
-            margin=np.asarray(parts["gain_patch"]),
-            cell=cell,
-            goal=goal,
+            margin=patch.reshape(*position.shape[:-1], self.side, self.side),
+            cell=robots @ flat_of,
+            goal=goals @ flat_of,
             irs=irs[..., :SETTINGS],
             phases=irs[..., SETTINGS:],
             action_mask=np.asarray(observation["action_mask"]) if is_masked else None,
@@ -270,13 +295,14 @@ class Packing:
             return np.asarray(observation)
         return self.decode(observation).cell
 
-    def _parts(self, rows: Rows) -> dict[str, Rows]:
-        """Views of what flat rows ``(..., D)`` hold, under the keys of a dict observation."""
-        return {
-            "gain_patch": rows[..., self.patch].reshape(*rows.shape[:-1], self.side, self.side),
-            "irs": rows[..., self.irs],
-            "position": rows[..., self.irs.stop : self.flat_width],
-        }
+    def _fields(self, parts: Parts) -> tuple[Rows, Rows, Rows]:
+        """Views of patch ``(..., (2r+1)**2)``, IRS ``(..., 3 + N)`` and position ``(..., 4)``."""
+        if self.observation == "dict":
+            patch, irs, position = parts
+            return patch, irs, position
+
+        flat = parts[0]
+        return flat[..., self.patch], flat[..., self.irs], flat[..., self._position]
 
     def _decode_map(self, maps: Rows) -> DecodedObservation:
         cells = maps.reshape(*maps.shape[:-2], prod(self.shape)).argmax(axis=-1)  # (..., 4)

@@ -18,6 +18,7 @@ from irs_gym.mdp.packing import (
     OBSTACLE,
     ROBOT,
     Packing,
+    Parts,
     Rows,
     own_positions,
     scaled_margin,
@@ -109,7 +110,7 @@ class ManyScenes:
         if self.violating is not None:
             is_violation = _BITS.take(self.violating.take(places) + actions)
             cost = is_violation.astype(np.float64)
-            is_terminated = ends(self.worlds.task.common, is_at_goal, is_violation)
+            is_terminated = ends(self.worlds.task.rules, is_at_goal, is_violation)
 
         return Outcome(
             states + self._steps.take(codes),
@@ -120,12 +121,14 @@ class ManyScenes:
             is_at_goal,
         )
 
-    def observe(self, states: States, out: Rows) -> Rows:  # noqa: D102
+    def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
+        out = self.packing.empty(len(states)) if out is None else out
         if self.packing.observation == "map":
-            return self._observe_maps(states, out)
+            self._observe_maps(states, self.packing.unpack(out))
+            return out
 
         if self.packing.observation == "cell":
-            out[:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
+            out[0][:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
             return out
 
         places = states & _PLACE
@@ -142,11 +145,11 @@ class ManyScenes:
             action_mask=self.action_mask(states) if is_masked else None,
         )
 
-    def _observe_maps(self, states: States, out: Rows) -> Rows:
-        scenes = self.scenes(states)
+    def _observe_maps(self, states: States, images: Rows) -> None:
+        """Write into images ``(n, 4, X, Y)``."""
         each = np.arange(len(states))
+        scenes = self.scenes(states)
         columns, rows = self.packing.shape
-        images = self.packing.unpack(out)  # (n, 4, X, Y), a view
 
         before = len(self.margin) - len(self.legal)
         margin = self.margin[before // 2 : before // 2 + len(self.legal)].reshape(-1, *self.shape)
@@ -156,8 +159,6 @@ class ManyScenes:
         for channel, cells in ((ROBOT, self._cells(states)), (GOAL, self.goals(states))):
             images[:, channel] = 0.0
             images[each, channel, cells[:, 0], cells[:, 1]] = 1.0
-
-        return out
 
     def cells(self, states: States) -> Ints:  # noqa: D102
         return states & _PLACE
@@ -324,13 +325,13 @@ def _offsets(shape: tuple[int, int]) -> Ints:
 
 def _rewards(worlds: Worlds) -> dict[str, NDArray[Any]]:
     """Rewards of all moves and whether they reach the goal, by offset and code."""
-    task = worlds.task.common
+    rules = worlds.task.rules
     cell_size = worlds.pool.cell_size
     offsets = _offsets(worlds.pool.shape)[:, None, None]
     is_legal = np.array([False, True])
     after = offsets + MOVES[:, None] * is_legal[:, None]  # (O, 8, 2, 2)
     is_at_goal = is_legal & (after == 0).all(axis=-1)
-    now, then = (potential(task, each, cell_size) for each in (offsets, after))
-    rewards = reward(task, MOVE_LENGTHS[:, None] * cell_size, now, then, is_at_goal)
+    now, then = (potential(rules, each, cell_size) for each in (offsets, after))
+    rewards = reward(rules, MOVE_LENGTHS[:, None] * cell_size, now, then, is_at_goal)
 
     return {"reward": rewards.ravel(), "is_at_goal": is_at_goal.ravel()}

@@ -120,6 +120,8 @@ def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Modu
         weights = {
             key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()
         }
+
+        # Before the network is made, as its settings may ask for any memory.
         _check_fit(_outline(header["network"], header["settings"]), weights)
         network = build_network(header["network"], header["settings"])
         network.load_state_dict(weights)
@@ -143,7 +145,8 @@ def _check_sizes(settings: Any) -> None:
         )
         if not is_size and not isinstance(value, str):
             raise ValueError(
-                f"settings.{name}={value!r} must be a name or an integer from 1 to {_LARGEST_SETTING}"
+                f"settings.{name}={value!r} must be a name or an integer from 1 to "
+                f"{_LARGEST_SETTING}"
             )
 
 

@@ -1,4 +1,4 @@
-"""Where a result comes from: versions of the packages, commit of the checkout, and the processor."""
+"""Where a result comes from: versions of the packages, the checkout's commit, the processor."""
 
 import platform
 import subprocess

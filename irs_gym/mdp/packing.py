@@ -164,7 +164,7 @@ class Packing:
 
     @property
     def space(self) -> spaces.Space[Any]:
-        """Of one observation; a new one each time, as a space holds the randomness of its samples."""
+        """Of one observation; a new one each time, as a space holds its samples' randomness."""
         shapes = {"gain_patch": (self.side, self.side), "irs": (self.settings,), "position": (4,)}
         if self.observation == "dict":
             return spaces.Dict({name: _box(shape) for name, shape in shapes.items()})

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from operator import index
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -94,6 +94,20 @@ class RandomTask:
 
     def __deepcopy__(self, memo: Any) -> "RandomTask":
         return self  # frozen, and so are its scenes
+
+
+class RandomTaskArguments(TypedDict, total=False):
+    """The fields of `RandomTask` as keyword arguments, for type checkers and editors."""
+
+    split: str
+    num_scenes: int
+    scenes: str | Path | Sequence[Scene | Mapping[str, Any]] | SceneSet | None
+    observation: Observation
+    patch_radius: int
+    constraint: Constraint
+    random_start: float
+    shaping: bool
+    goal_bonus: float
 
 
 def random_task_of(arguments: Mapping[str, Any], owner: str = "RandomTask") -> RandomTask:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -21,7 +21,7 @@ from irs_gym.mdp.checks import (
 )
 from irs_gym.mdp.dynamics import ACTIONS, Transition, check_task
 from irs_gym.mdp.snapshot import Snapshot
-from irs_gym.mdp.task import Task, World, build_world, task_of
+from irs_gym.mdp.task import Task, TaskArguments, World, build_world, shows_fields, task_of
 from irs_gym.oracle.shortest_path import Path
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.vector.infos import Infos, checked_keys
@@ -111,8 +111,13 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     metadata: dict[str, Any] = METADATA
     spec = PlainSpec()
 
+    @shows_fields(Task)
     def __init__(
-        self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any
+        self,
+        *,
+        render_mode: str | None = None,
+        infos: Infos = "all",
+        **arguments: Unpack[TaskArguments],
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self._keys = checked_keys(infos)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -10,7 +10,13 @@ from gymnasium import spaces
 from gymnasium.wrappers import HumanRendering, RenderCollection
 from numpy.typing import NDArray
 
-from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.datasets.random_task import (
+    RandomTask,
+    RandomTaskArguments,
+    Worlds,
+    build_worlds,
+    random_task_of,
+)
 from irs_gym.envs.episode import Episode, begin, resume
 from irs_gym.grid import Cell
 from irs_gym.mdp.checks import (
@@ -22,7 +28,7 @@ from irs_gym.mdp.checks import (
 )
 from irs_gym.mdp.dynamics import ACTIONS, Transition
 from irs_gym.mdp.snapshot import Snapshot
-from irs_gym.mdp.task import World
+from irs_gym.mdp.task import World, shows_fields
 from irs_gym.oracle.shortest_path import Path
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.vector.infos import Infos, checked_keys
@@ -89,8 +95,13 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     metadata: dict[str, Any] = METADATA
     spec = PlainSpec()
 
+    @shows_fields(RandomTask)
     def __init__(
-        self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any
+        self,
+        *,
+        render_mode: str | None = None,
+        infos: Infos = "all",
+        **arguments: Unpack[RandomTaskArguments],
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self._keys = checked_keys(infos, ["scene_id"])

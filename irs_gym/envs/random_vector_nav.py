@@ -4,7 +4,7 @@ episodes.
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium import spaces
@@ -12,7 +12,13 @@ from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.datasets.random_task import (
+    RandomTask,
+    RandomTaskArguments,
+    Worlds,
+    build_worlds,
+    random_task_of,
+)
 from irs_gym.envs.random_nav import IrsNavRandomEnv
 from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
@@ -33,7 +39,7 @@ from irs_gym.mdp.dynamics import (
     start_cells,
     tables_for,
 )
-from irs_gym.mdp.task import World
+from irs_gym.mdp.task import World, shows_fields
 from irs_gym.rendering.frame_collection import FrameCollection
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.rendering.window import Window
@@ -63,6 +69,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
     spec = PlainSpec()
 
+    @shows_fields(RandomTask)
     def __init__(
         self,
         num_envs: int = 1,
@@ -71,7 +78,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         copy: bool = True,
         render_mode: str | None = None,
         infos: Infos = "fast",
-        **arguments: Any,
+        **arguments: Unpack[RandomTaskArguments],
     ) -> None:
         self.num_envs = checked_count("num_envs", num_envs)
         self.max_episode_steps = checked_count("max_episode_steps", max_episode_steps)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium import spaces
@@ -24,7 +24,7 @@ from irs_gym.mdp.checks import (
 )
 from irs_gym.mdp.dynamics import ACTIONS, check_task, choose_start, tables_for
 from irs_gym.mdp.observation import build_observer
-from irs_gym.mdp.task import Task, World, build_world, task_of
+from irs_gym.mdp.task import Task, TaskArguments, World, build_world, shows_fields, task_of
 from irs_gym.rendering.frame_collection import FrameCollection
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.rendering.window import Window
@@ -73,6 +73,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
 
     spec = PlainSpec()
 
+    @shows_fields(Task)
     def __init__(
         self,
         num_envs: int = 1,
@@ -81,7 +82,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         copy: bool = True,
         render_mode: str | None = None,
         infos: Infos = "fast",
-        **arguments: Any,
+        **arguments: Unpack[TaskArguments],
     ) -> None:
         self.num_envs = checked_count("num_envs", num_envs)
         self.max_episode_steps = checked_count("max_episode_steps", max_episode_steps)

@@ -97,9 +97,15 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     ``infos`` may be a list of the keys that are wanted.
 
     ## Arguments
-    The fields of `irs_gym.mdp.task.Task`, ``infos``, and ``render_mode``: ``"rgb_array"`` or
-    ``"ansi"``; `gymnasium.make` knows ``"human"``, ``"rgb_array_list"`` and ``"ansi_list"`` as
-    well.
+    Those of the signature. `irs_gym.mdp.task.Task` says what each is, but for ``infos`` and
+    ``render_mode``: ``"rgb_array"`` or ``"ansi"``; `gymnasium.make` knows ``"human"``,
+    ``"rgb_array_list"`` and ``"ansi_list"`` as well.
+
+    >>> env = gymnasium.make("irs_gym:IrsNav-v0", target_db=-63.0)
+    >>> observation, info = env.reset(seed=0)
+    >>> observation, reward, terminated, truncated, info = env.step(1)  # north-east
+    >>> round(info["distance"], 3), round(env.unwrapped.oracle.distance, 3)
+    (0.707, 21.571)
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNav-v0", num_envs=n, ...)``.
@@ -123,6 +129,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         self._keys = checked_keys(infos)
         self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
+
+        # Before a reset there are spaces, a map and an oracle already, but no step.
         self._episode = Episode(self.world, self.world.start, self.world.goal, self._keys)
         self._episode.is_running = False
         self.observation_space = self._episode.observer.packing.space
@@ -248,7 +256,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         self.take_over(Snapshot.from_bytes(state))
 
     def take_over(self, snapshot: Snapshot, path: Sequence[Cell] = ()) -> None:
-        """Go on with an episode that another environment began, with its path where that is known."""
+        """Go on with an episode that another environment began, with its path where it is known."""
         self._episode = resume(self.world, snapshot, self._keys, path)
 
     def reset(

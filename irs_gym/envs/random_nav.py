@@ -81,9 +81,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     cells, 800 in ``"ood-size"``. Refused moves are as in `IrsNavEnv`.
 
     ## Arguments
-    The fields of `irs_gym.datasets.random_task.RandomTask`, ``infos`` (as in `IrsNavEnv`), and
-    ``render_mode``: ``"rgb_array"`` or ``"ansi"``; `gymnasium.make` knows ``"human"``,
-    ``"rgb_array_list"`` and ``"ansi_list"`` as well.
+    Those of the signature. `irs_gym.datasets.random_task.RandomTask` says what each is, but for
+    ``infos`` (as in `IrsNavEnv`) and ``render_mode``: ``"rgb_array"`` or ``"ansi"``;
+    `gymnasium.make` knows ``"human"``, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNavRandom-v0", num_envs=n, ...)``.
@@ -108,6 +108,8 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         self._episode_keys = [key for key in self._keys if key != "scene_id"]
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         self._number = 0  # of the episode's scene
+
+        # Before a reset there are spaces, a map and an oracle already, but no step.
         first = self.worlds.world(0)
         self._episode = Episode(first, first.start, first.goal, self._episode_keys)
         self._episode.is_running = False
@@ -149,7 +151,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         return self._episode.distance_to_go
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which actions are not refused in this cell, bool ``(8,)``; see `IrsNavEnv.action_masks`."""
+        """Which actions are not refused here, bool ``(8,)``; see `IrsNavEnv.action_masks`."""
         return self._episode.action_masks()
 
     def optimal_actions(self, cell: Cell | None = None) -> NDArray[np.int64]:
@@ -179,7 +181,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         self.take_over(Snapshot.from_bytes(state))
 
     def take_over(self, snapshot: Snapshot, path: Sequence[Cell] = ()) -> None:
-        """Go on with an episode that another environment began, with its path where that is known."""
+        """Go on with an episode that another environment began, with its path where it is known."""
         if snapshot.scene >= len(self.worlds):
             raise ValueError(
                 f"state is of scene {snapshot.scene}, and there are {len(self.worlds)} here"

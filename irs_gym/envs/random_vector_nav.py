@@ -1,6 +1,4 @@
-"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a thin shell over their
-episodes.
-"""
+"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a shell over their episodes."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -25,7 +23,7 @@ from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
 from irs_gym.mdp.checks import (
     METADATA,
     PlainSpec,
-    check_fleet,
+    check_num_envs,
     checked_count,
     checked_options,
     checked_render_mode,
@@ -57,8 +55,8 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
     ----------
     num_envs, max_episode_steps, autoreset_mode, copy, render_mode, infos
         As in `irs_gym.envs.vector_nav.IrsNavVectorEnv`.
-    **arguments
-        The fields of `irs_gym.datasets.random_task.RandomTask`.
+    split, num_scenes, ...
+        As `irs_gym.datasets.random_task.RandomTask` says.
 
     Notes
     -----
@@ -88,7 +86,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self.copy = copy
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         sampler = _EpisodeSampler(self.worlds)
-        check_fleet(self.num_envs, self.max_episode_steps, sampler.packing)
+        check_num_envs(self.num_envs, self.max_episode_steps, sampler.packing)
         self._episodes = VectorEpisodes(
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )
@@ -165,7 +163,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
 
 def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
-    """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any render mode of Gymnasium."""
+    """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any mode of Gymnasium."""
     return with_render_mode(
         partial(IrsNavRandomVectorEnv, **arguments), render_mode, Window, FrameCollection
     )

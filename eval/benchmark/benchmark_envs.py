@@ -13,8 +13,8 @@ import numpy as np
 from gymnasium import spaces
 
 from eval.benchmark.timing import Steps
-from irs_gym.grid import flat_cells
 from irs_gym.mdp.observation import build_observer
+from irs_gym.mdp.packing import Packing
 
 ID = "irs_gym:IrsNav-v0"
 CYCLE = 401  # steps of a whole episode of IrsNav-v0 under random actions, the reset included
@@ -141,9 +141,7 @@ def bare_take(num_envs: int) -> Steps:
 
 def _cells(observation: Any, world: Any) -> Any:
     """Flat cells that robots are in, from their own position in the observation."""
-    shape = np.array(world.feasible.shape)
-    cells = np.rint((observation["position"][:, :2] + 1.0) / 2.0 * shape - 0.5).astype(np.int64)
-    return flat_cells(cells, world.feasible.shape)
+    return Packing.of(observation, world.feasible.shape).own_cells(observation)
 
 
 def envpool_batch(env_id: str, num_envs: int) -> Steps:

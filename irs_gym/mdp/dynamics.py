@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, flat_cells, legal_moves, octile_distance
-from irs_gym.mdp.task import Constraint, Task, World
+from irs_gym.mdp.task import Constraint, Rules, World
 from irs_gym.memory import freeze
 from irs_gym.oracle.shortest_path import distance_to_go, infeasible
 
@@ -32,20 +32,20 @@ class Transition(NamedTuple):
     is_at_goal: Any
 
 
-def potential(task: Task, offsets: Ints, cell_size: float) -> NDArray[np.float64]:
+def potential(rules: Rules, offsets: Ints, cell_size: float) -> NDArray[np.float64]:
     """Shaping potential in metres, shape ``(...)``: minus the octile distance to the goal, zero
     without shaping.
 
     ``offsets`` ``(..., 2)``: cells from the goal along x and y.
     """
-    return -octile_distance(offsets) * cell_size * task.shaping
+    return -octile_distance(offsets) * cell_size * rules.shaping
 
 
 def reward(
-    task: Task, length: Any, potential_now: Any, potential_next: Any, is_at_goal: Any
+    rules: Rules, length: Any, potential_now: Any, potential_next: Any, is_at_goal: Any
 ) -> Any:
     """Minus the metres of the move, plus the change of the potential, plus the goal's bonus."""
-    return -length + (potential_next - potential_now) + task.goal_bonus * is_at_goal
+    return -length + (potential_next - potential_now) + rules.goal_bonus * is_at_goal
 
 
 def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[Bools, Bools]:
@@ -92,17 +92,17 @@ def next_cells(cells: Ints, actions: Ints, is_legal: Bools, shape: tuple[int, in
     return np.where(is_legal, cells + flat_cells(MOVES, shape)[actions], cells)
 
 
-def ends(task: Task, is_at_goal: Any, is_violation: Any) -> Any:
+def ends(rules: Rules, is_at_goal: Any, is_violation: Any) -> Any:
     """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is
     missed.
     """
-    return is_at_goal | is_violation if task.constraint == "terminate" else is_at_goal
+    return is_at_goal | is_violation if rules.constraint == "terminate" else is_at_goal
 
 
 def transition(world: World, goal: Cell) -> Transition:
     """The transition of every cell and action, arrays of shape ``(X * Y, 8)``."""
     return transitions(
-        world.task,
+        world.rules,
         world.radio_map.free[None],
         world.feasible[None],
         np.array([goal]),
@@ -111,7 +111,7 @@ def transition(world: World, goal: Cell) -> Transition:
 
 
 def transitions(
-    task: Task,
+    rules: Rules,
     free: Bools,
     feasible: Bools,
     goals: Ints,
@@ -124,8 +124,8 @@ def transitions(
 
     Parameters
     ----------
-    task
-        The rules, which the maps have in common.
+    rules
+        Those that the maps have in common.
     free, feasible
         Cells without an obstacle, and those of them at or above the target, shape ``(S, X, Y)``.
     goals
@@ -143,7 +143,7 @@ def transitions(
     columns, rows = shape
     cells = np.arange(free.size)[:, None]
     is_legal, is_violation = (
-        each.reshape(-1, ACTIONS) for each in permissions(task.constraint, free, feasible)
+        each.reshape(-1, ACTIONS) for each in permissions(rules.constraint, free, feasible)
     )  # (S * X * Y, 8)
     next_cell = next_cells(cells, np.arange(ACTIONS), is_legal, (columns, rows))
 
@@ -153,16 +153,16 @@ def transitions(
     is_at_goal = is_legal & is_there.reshape(-1, ACTIONS)
 
     offsets = _cells((columns, rows)) - goals[:, None]  # (S, X * Y, 2)
-    phi = potential(task, offsets, cell_size).astype(precision).ravel()
+    phi = potential(rules, offsets, cell_size).astype(precision).ravel()
     length = np.broadcast_to(MOVE_LENGTHS * cell_size, is_legal.shape)
 
     return Transition(
         next_cell=next_cell,
-        reward=reward(task, length, phi[cells], phi[next_cell], is_at_goal),
+        reward=reward(rules, length, phi[cells], phi[next_cell], is_at_goal),
         moved=np.where(is_legal, length, 0.0),
         is_refused=~is_legal,
         cost=is_violation.astype(np.float64),
-        is_terminated=ends(task, is_at_goal, is_violation),
+        is_terminated=ends(rules, is_at_goal, is_violation),
         is_at_goal=is_at_goal,
     )
 
@@ -188,7 +188,7 @@ def _cells(shape: tuple[int, int]) -> Ints:
 
 def action_mask(world: World) -> NDArray[np.int8]:
     """1 where an action is not refused, shape ``(X * Y, 8)``."""
-    is_legal, _ = permissions(world.task.constraint, world.radio_map.free, world.feasible)
+    is_legal, _ = permissions(world.rules.constraint, world.radio_map.free, world.feasible)
     return is_legal.reshape(-1, ACTIONS).astype(np.int8)
 
 
@@ -264,7 +264,7 @@ def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
     """The world's start; with the probability that its task says, one drawn among the cells that
     lead to the goal.
     """
-    if not draws_start(world.task, rng):
+    if not draws_start(world.rules, rng):
         return world.start
 
     check_cell(world, "goal", goal)
@@ -277,9 +277,9 @@ def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
     return world.radio_map.grid.cell_at(draw_start(starts, rng))
 
 
-def draws_start(task: Task, rng: np.random.Generator) -> bool:
+def draws_start(rules: Rules, rng: np.random.Generator) -> bool:
     """Whether the start of this episode is a drawn one."""
-    probability = task.random_start
+    probability = rules.random_start
     return bool(probability and (probability == 1 or rng.random() < probability))
 
 
@@ -327,14 +327,14 @@ def check_task(world: World) -> None:
     """
     to_go = tables_for(world, world.start, world.goal).distance_to_go
     check_bonus(
-        world.task,
+        world.rules,
         float(to_go[world.start]),
         np.subtract(world.start, world.goal),
         world.radio_map.grid.cell_size,
     )
 
 
-def check_bonus(task: Task, distance: float, offset: Ints, cell_size: float) -> None:
+def check_bonus(rules: Rules, distance: float, offset: Ints, cell_size: float) -> None:
     """Refuse a goal's bonus with which giving up would pay.
 
     Parameters
@@ -349,10 +349,10 @@ def check_bonus(task: Task, distance: float, offset: Ints, cell_size: float) -> 
     ValueError
         Where violations end the episode, and one at once returns more than the path.
     """
-    detour = distance + float(potential(task, offset, cell_size))
-    if task.constraint == "terminate" and detour >= task.goal_bonus:
+    detour = distance + float(potential(rules, offset, cell_size))
+    if rules.constraint == "terminate" and detour >= rules.goal_bonus:
         raise ValueError(
-            f"goal_bonus={task.goal_bonus} is too small for constraint='terminate': to end the "
+            f"goal_bonus={rules.goal_bonus} is too small for constraint='terminate': to end the "
             f"episode by a violation would pay more than the detour of {detour:.3f} m, so a bonus "
             "above that is needed"
         )

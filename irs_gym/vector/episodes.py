@@ -16,6 +16,7 @@ from irs_gym.mdp.checks import checked_actions
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
+from irs_gym.memory import frozen
 from irs_gym.rendering.episode_view import RENDERERS, view_of
 from irs_gym.vector.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
 from irs_gym.vector.protocols import EpisodeSampler
@@ -50,9 +51,10 @@ class VectorEpisodes:
         self._refused = np.zeros(n, dtype=np.int64)
         self._oracle_distance = np.zeros(n)  # metres
         self._has_violated = np.zeros(n, dtype=bool)
-        self._has_ended = np.zeros(n, dtype=bool)  # and has not begun anew
+        self._nobody = frozen(np.zeros(n, dtype=bool))
+        self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
-        self._just_ended = np.zeros(n, dtype=bool)  # at the latest step
+        self._just_ended = self._nobody  # at the latest step
         self._history = PathHistory(n, max_episode_steps, sampler.map_shape, sampler.num_maps)
 
         # time, in steps of all robots
@@ -76,7 +78,7 @@ class VectorEpisodes:
 
         self._begin(chosen, options)
         self._is_reset = True
-        self._just_ended = np.zeros(self.num_envs, dtype=bool)
+        self._just_ended = self._nobody
 
         step = self._opening()
         infos = self._infos.everywhere(step) if mask.all() else self._infos.of(step, chosen)
@@ -120,8 +122,13 @@ class VectorEpisodes:
 
         # end
         truncated = self._truncated()
-        self._has_ended = outcome.is_terminated | truncated
-        self._num_ended = int(np.count_nonzero(self._has_ended))
+        self._num_ended = int(np.count_nonzero(outcome.is_terminated))
+        if self._num_ended or self._clock >= self._first_deadline:
+            self._has_ended = outcome.is_terminated | truncated
+            self._num_ended = int(np.count_nonzero(self._has_ended))
+        else:
+            self._has_ended = self._nobody
+
         self._just_ended = self._has_ended
 
         # the goal ends an episode: where none ends, nobody has reached it

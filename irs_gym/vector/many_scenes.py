@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from irs_gym.datasets.random_task import Worlds
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, flat_cells
 from irs_gym.mdp.dynamics import ends, permissions, potential, reward, tabulate
-from irs_gym.mdp.observation import (
+from irs_gym.mdp.packing import (
+    GOAL,
+    MARGIN,
+    OBSTACLE,
+    ROBOT,
     Packing,
     Parts,
     Rows,
@@ -77,7 +81,7 @@ class ManyScenes:
         if self.violating is not None:
             is_violation = self.violating.of(places, actions)
             cost = is_violation.astype(np.float64)
-            is_terminated = ends(self.worlds.task.common, is_at_goal, is_violation)
+            is_terminated = ends(self.worlds.task.rules, is_at_goal, is_violation)
 
         return Outcome(
             states=self.code.step(states, codes),
@@ -95,47 +99,38 @@ class ManyScenes:
 
     def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
         out = self.packing.empty(len(states)) if out is None else out
-        first = out[0]
         if self.packing.observation == "map":
-            self._observe_maps(states, first)
+            self._observe_maps(states, self.packing.unpack(out))
             return out
 
         if self.packing.observation == "cell":
-            first[:, 0] = flat_cells(self.code.cells(states), self.packing.shape)
+            out[0][:, 0] = flat_cells(self.code.cells(states), self.packing.shape)
             return out
-
-        # Where the parts lie: in arrays of their own, or one behind the other.
-        patch_end = self.packing.patch_end
-        irs_end = self.packing.irs_end
-        patch, irs, position = (
-            out
-            if self.packing.observation == "dict"
-            else (first[:, :patch_end], first[:, patch_end:irs_end], first[:, irs_end:])
-        )
 
         places = self.code.places(states)
         scenes = places // self.code.map_size
-        patch[:] = self.windows[places[:, None] + self._rows].view(np.float32)
-        irs[:] = self.worlds.pool.irs.take(scenes, axis=0)
-        position[:, :2] = self._own.take(places - scenes * self.code.map_size, axis=0)
-        position[:, 2:] = self._to_goal.take(self.code.offsets(states), axis=0)
-        if self.packing.observation == "masked":
-            out[1][:] = self.action_mask(states)
+        windows = self.windows[places[:, None] + self._rows]  # (n, 2r+1), a row of a patch each
+        is_masked = self.packing.observation == "masked"
 
-        return out
+        return self.packing.encode(
+            out,
+            patch=windows.view(np.float32),  # (n, (2r+1)**2)
+            irs=self.worlds.pool.irs.take(scenes, axis=0),
+            own=self._own.take(places - scenes * self.code.map_size, axis=0),
+            to_goal=self._to_goal.take(self.code.offsets(states), axis=0),
+            action_mask=self.action_mask(states) if is_masked else None,
+        )
 
-    def _observe_maps(self, states: States, out: Rows) -> None:
-        """Image channels (n, 4, X, Y): scaled margin, obstacle, robot, goal."""
+    def _observe_maps(self, states: States, images: Rows) -> None:
+        """Write into images ``(n, 4, X, Y)``."""
         n = np.arange(len(states))
         columns, rows = self.packing.shape
         robots = self.code.decode(states)
-        images = out.reshape(len(states), 4, columns, rows)
+        images[:, MARGIN] = self._margins[robots.scene, :columns, :rows]
+        images[:, OBSTACLE] = ~self.worlds.pool.free[robots.scene]
 
-        images[:, 0] = self._margins[robots.scene, :columns, :rows]
-        images[:, 1] = ~self.worlds.pool.free[robots.scene]
-        images[:, 2:] = 0.0
-
-        for channel, cells in ((2, robots.cell), (3, robots.goal)):
+        for channel, cells in ((ROBOT, robots.cell), (GOAL, robots.goal)):
+            images[:, channel] = 0.0
             images[n, channel, cells[:, 0], cells[:, 1]] = 1.0
 
     # --- what else there is to say of states ------------------------------------------------------
@@ -247,8 +242,8 @@ def build_many_scenes(worlds: Worlds) -> ManyScenes:
         gain_db = pool.gain_db[block]
         seen[block, :columns, :rows] = scaled_margin(gain_db, pool.target_db[block, None, None])
 
-        rules = permissions(task.constraint, pool.free[block], pool.feasible[block])
-        for kind, is_set in zip(moves, rules, strict=False):
+        may = permissions(task.constraint, pool.free[block], pool.feasible[block])
+        for kind, is_set in zip(moves, may, strict=False):
             kind[block, :columns, :rows] = pack_moves(is_set)
 
     return ManyScenes(
@@ -264,7 +259,7 @@ def build_many_scenes(worlds: Worlds) -> ManyScenes:
 
 def _rewards(worlds: Worlds, code: StateCode) -> dict[str, NDArray[Any]]:
     """Rewards of all moves and whether they reach the goal, by offset and code: ``(O * 16,)``."""
-    task = worlds.task.common
+    rules = worlds.task.rules
     cell_size = worlds.pool.cell_size
     is_legal = np.array([False, True])
     before = code.all_offsets[:, None, None]  # (O, 1, 1, 2)
@@ -272,7 +267,7 @@ def _rewards(worlds: Worlds, code: StateCode) -> dict[str, NDArray[Any]]:
     is_at_goal = is_legal & (after == 0).all(axis=-1)  # (O, 8, 2)
 
     length = MOVE_LENGTHS[:, None] * cell_size
-    phi, phi_next = (potential(task, each, cell_size) for each in (before, after))
-    rewards = reward(task, length, phi, phi_next, is_at_goal)  # (O, 8, 2)
+    phi, phi_next = (potential(rules, each, cell_size) for each in (before, after))
+    rewards = reward(rules, length, phi, phi_next, is_at_goal)  # (O, 8, 2)
 
     return {"reward": rewards.ravel(), "is_at_goal": is_at_goal.ravel()}

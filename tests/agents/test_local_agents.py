@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from tiny_pool import tiny_pool
+from tiny_pool import resized, tiny_pool
 
 from agents.learning.dagger import Dagger
 from agents.learning.local_configs import ExplorerConfig, ExplorerPpoConfig, LocalPpoConfig
@@ -242,9 +242,9 @@ def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_g
     torch.manual_seed(0)
     teacher, ends = Dagger(config, ExplorerNetwork(8), np.random.default_rng(0)), 0
     for _ in range(20):
-        steps = 0 if teacher._expedition is None else teacher._expedition.steps.copy()
+        steps = 0 if teacher._robots is None else teacher._robots.steps.copy()
         teacher.update(POOL, 0.5)
-        robots = teacher._expedition
+        robots = teacher._robots
         cells, scenes = robots.cells, robots.scenes
         assert POOL.feasible[scenes, cells[:, 0], cells[:, 1]].all()
         assert (cells != POOL.goal[scenes]).any(axis=1).all()
@@ -296,25 +296,27 @@ def ppo(**more):
     return config.teacher(config.build_network(), np.random.default_rng(0))
 
 
-def test_rewards_of_an_episode_are_the_environments():
+@pytest.mark.parametrize("cell_size", [0.5, 0.25])
+def test_rewards_of_an_episode_are_the_environments(cell_size):
     """In units of a cell: minus the length of the move, plus progress, plus the bonus at the goal."""
+    pool = resized(POOL, cell_size)
     teacher = ppo()
-    env = env_of(POOL, observation="flat", patch_radius=2)
-    teacher._robots = robots = RobotBatch(teacher.config.terms, POOL, np.random.default_rng(1))
+    env = env_of(pool, observation="flat", patch_radius=2)
+    teacher._robots = robots = RobotBatch(teacher.config.terms, pool, np.random.default_rng(1))
     compared = 0
     for _ in range(15):
         scenes, fresh = robots.scenes.copy(), robots.steps == 0
         with torch.no_grad():
-            stage = teacher._advance(POOL, robots)
+            stage = teacher._advance(pool, robots)
         for n in np.flatnonzero(fresh):
-            if stage.cells[0, n] != POOL.start[scenes[n]] @ [POOL.shape[1], 1]:
+            if stage.cells[0, n] != pool.start[scenes[n]] @ [pool.shape[1], 1]:
                 continue  # the environment would begin elsewhere
             env.reset(options={"scene_id": int(scenes[n])})
             for k in range(4):
                 if not stage.took[k, n]:
                     break
                 _, reward, is_over, *_ = env.step(int(stage.actions[k, n]))
-                assert stage.rewards[k, n] * POOL.cell_size == pytest.approx(reward, abs=1e-4)
+                assert stage.rewards[k, n] * pool.cell_size == pytest.approx(reward, abs=1e-4)
                 assert stage.not_done[k, n] == (not is_over)
                 compared += 1
     assert compared > 20

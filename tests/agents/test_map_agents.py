@@ -4,10 +4,11 @@ import pickle
 from dataclasses import replace
 from io import BytesIO
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
-from tiny_pool import tiny_pool
+from tiny_pool import resized, tiny_pool
 
 from agents.learning.imitation import imitation_loss
 from agents.learning.map_configs import (
@@ -19,7 +20,7 @@ from agents.learning.map_configs import (
     VinConfig,
 )
 from agents.learning.symmetry import SYMMETRIES, sources, turn, turn_moves
-from agents.learning.whole_map_ppo import GOAL_BONUS, transition_tables_of
+from agents.learning.whole_map_ppo import transition_tables_of
 from agents.networks.map_network import (
     MapPlan,
     NetworkFileError,
@@ -389,23 +390,32 @@ def test_planner_learns_the_way_by_ppo_alone():
     assert after.spl.mean() > before.spl.mean() + 0.1
 
 
-def test_rules_of_ppo_are_those_of_the_environment_in_cells():
-    rules = transition_tables_of(POOL, np.arange(len(POOL)))
-    columns, rows = POOL.shape
-    for flat in range(0, len(POOL) * columns * rows, 7):
-        scene, i, j = np.unravel_index(flat, (len(POOL), columns, rows))
-        for move, (di, dj) in enumerate(MOVES):
-            ni, nj = i + di, j + dj
-            is_legal = 0 <= ni < columns and 0 <= nj < rows and POOL.feasible[scene, ni, nj]
-            end = (ni, nj) if is_legal else (i, j)
-            assert rules.ahead[flat, move] == np.ravel_multi_index(
-                (scene, *end), (len(POOL), columns, rows)
-            )
-            is_goal = is_legal and end == tuple(POOL.goal[scene].tolist())
-            assert rules.is_over[flat, move] == is_goal
-            nearer = rules.octile[flat] - rules.octile[rules.ahead[flat, move]]
-            expected = nearer - MOVE_LENGTHS[move] + GOAL_BONUS * is_goal
-            assert rules.reward[flat, move] == pytest.approx(expected, abs=1e-5)
+@pytest.mark.parametrize("cell_size", [0.5, 0.25])
+def test_rules_of_ppo_are_those_of_the_environment_in_cells(cell_size):
+    pool = resized(POOL, cell_size)
+    env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool)
+    rules = transition_tables_of(pool, np.arange(len(pool)))
+    shape = (len(pool), *pool.shape)
+    seen = set()
+    for scene, i, j in np.argwhere(np.isfinite(pool.distance_to_go) & (pool.distance_to_go > 0)):
+        flat = np.ravel_multi_index((scene, i, j), shape)
+        for move in range(8):
+            env.reset(options={"scene_id": int(scene), "start": (int(i), int(j))})
+            _, reward, is_over, _, info = env.step(move)
+            end = np.ravel_multi_index((scene, *env.unwrapped.path[-1]), shape)
+            assert rules.ahead[flat, move] == end
+            assert rules.is_over[flat, move] == is_over
+            assert rules.reward[flat, move] * cell_size == pytest.approx(reward, abs=1e-5)
+            seen.add((bool(is_over), bool(info["is_refused"])))
+    assert seen == {(False, False), (False, True), (True, False)}
+
+
+@pytest.mark.parametrize(("cell_size", "bonus"), [(0.5, 20.0), (0.25, 40.0)])
+def test_the_last_move_pays_the_bonus_of_ten_metres(cell_size, bonus):
+    """It brings the robot as much nearer as it costs, so that nothing but the bonus is left."""
+    rules = transition_tables_of(resized(POOL, cell_size), np.arange(len(POOL)))
+    assert rules.is_over.sum() > len(POOL)
+    np.testing.assert_allclose(rules.reward[rules.is_over], bonus, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from agents.policies.belief_map import BeliefMap, patches_of
 from agents.rollout.rules import RULES
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import cells_at, flat_cells
-from irs_gym.mdp.dynamics import next_cells, permissions
+from irs_gym.mdp.dynamics import next_cells, permissions, start_cells
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -89,8 +89,9 @@ class RobotBatch:
 
         is_drawn = self._rng.random(len(robots)) < self.config.random_start
         for robot in robots[is_drawn].tolist():
-            to_go = pool.distance_to_go[self.scenes[robot]]
-            self.cells[robot] = self._rng.choice(np.argwhere(np.isfinite(to_go) & (to_go > 0)))
+            scene = self.scenes[robot]
+            can_start = start_cells(pool.distance_to_go[scene], tuple(pool.goal[scene].tolist()))
+            self.cells[robot] = self._rng.choice(cells_at(can_start, pool.shape))
 
         self.steps[robots] = 0
         self.seen = self.seen.forget(robots)

@@ -1,4 +1,4 @@
-"""`StateCode`: a robot's scene, cell and goal as one number, and `MoveBits`: its eight moves as one.
+"""`StateCode`: a robot's scene, cell and goal as one number; `MoveBits`: which moves it has.
 
 n robots then move by one addition, and all that they are told is gathered from tables.
 """

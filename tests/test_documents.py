@@ -20,6 +20,7 @@ BY_HAND = sorted(
         *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
         *ROOT.glob(".github/**/*.md"),
         ARCHITECTURE,
+        ROOT / "docs" / "glossary.md",
     ]
 )
 SOURCES = sorted(each for name in PACKAGES for each in ROOT.glob(f"{name}/**/*.py"))
@@ -42,11 +43,14 @@ def contracts() -> dict[str, list[str]]:
 
 @cache
 def resolve(name: str) -> Any:
-    """What a dotted name stands for: a module, or something in one."""
+    """What a dotted name stands for: a module, or something in one; None for a field of a class."""
     words = name.split(".")
     found = import_module(words[0])
 
     for count, word in enumerate(words[1:], start=2):
+        if isinstance(found, type) and word in found.__annotations__:
+            return None
+
         try:
             found = getattr(found, word)
         except AttributeError:

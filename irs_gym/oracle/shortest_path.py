@@ -21,9 +21,12 @@ from irs_gym.grid import (
     MOVES,
     Cell,
     as_cell,
+    cells_at,
     checked_cell_size,
     checked_map,
+    flat_cells,
     legal_moves,
+    neighbours,
 )
 from irs_gym.memory import freeze
 
@@ -118,7 +121,7 @@ def shortest_path(
     while flat[-1] != source:
         flat.append(int(before[flat[-1]]))
 
-    cells = np.stack(np.unravel_index(flat[::-1], feasible.shape), axis=-1).astype(np.int64)
+    cells = cells_at(np.array(flat[::-1], dtype=np.int64), feasible.shape)
 
     return Path(path_length(cells, cell_size), cells)
 
@@ -189,11 +192,7 @@ def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np
     Metres, shape ``(S, 8, X, Y)``; +inf for moves into and from cells from which the goal cannot be
     reached.
     """
-    columns, rows = to_go.shape[1:]
-    padded = np.pad(to_go, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    ahead = np.stack(
-        [padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1
-    )
+    ahead = neighbours(to_go, np.inf, axis=1)
     length = MOVE_LENGTHS[:, None, None] * cell_size
 
     return ahead + length - np.where(np.isfinite(to_go), to_go, -np.inf)[:, None]
@@ -291,8 +290,7 @@ def flat_cell(array: NDArray[np.generic], cell: Cell, name: str) -> int:
     if not (0 <= cell[0] < array.shape[0] and 0 <= cell[1] < array.shape[1]):
         raise ValueError(f"{name}={tuple(cell)} lies off the map of {array.shape} cells")
 
-    columns: int = array.shape[1]
-    return int(cell[0]) * columns + int(cell[1])
+    return int(flat_cells(np.array(cell), array.shape[:2]))
 
 
 def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
@@ -314,7 +312,7 @@ def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
     rows: Integers = np.zeros(free.size + 1, dtype=index)
     np.cumsum(legal.sum(axis=2).ravel(), out=rows[1:])
     cells, moves = np.divmod(np.flatnonzero(legal).astype(index), len(MOVES))
-    cells += (MOVES @ np.array([free.shape[1], 1])).astype(index)[moves]
+    cells += flat_cells(MOVES, free.shape).astype(index)[moves]
 
     return rows, cells, moves
 

@@ -461,10 +461,10 @@ def _check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
     """Refuse gains that are no positive numbers: they would pass for obstacles."""
     wrong = np.flatnonzero(~((gains > 0) & (gains < np.inf)))
     if len(wrong):
-        i, j = divmod(int(cells[wrong[0]]), grid.shape[1])
+        cell = grid.cell_at(int(cells[wrong[0]]))
         what = "underflows to 0" if gains[wrong[0]] == 0 else f"is {gains[wrong[0]]}"
         raise ValueError(
-            f"the expected gain in the free cell {(i, j)} {what}: path_loss, carrier_ghz, "
+            f"the expected gain in the free cell {cell} {what}: path_loss, carrier_ghz, "
             "rician_factor_db or the size of room and panels are beyond what numbers of 64 bits "
             "can hold"
         )

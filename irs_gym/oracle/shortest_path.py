@@ -48,6 +48,12 @@ class Path:
         Its length in metres.
     cells
         int64, shape ``(D, 2)``: its cells (i, j) from start to goal.
+
+    Examples
+    --------
+    >>> path = shortest_path(np.ones((3, 2), dtype=bool), (0, 0), (2, 0), cell_size=0.5)
+    >>> path.distance, path.cells.tolist()
+    (1.0, [[0, 0], [1, 0], [2, 0]])
     """
 
     distance: float
@@ -90,6 +96,13 @@ def shortest_path(
     ------
     ValueError
         Where ``feasible`` is no map of bools, an end no cell of it, or ``cell_size`` not positive.
+
+    Examples
+    --------
+    >>> feasible = np.ones((3, 2), dtype=bool)
+    >>> feasible[1, 0] = False
+    >>> shortest_path(feasible, (0, 0), (2, 0), cell_size=0.5).cells.tolist()
+    [[0, 0], [1, 1], [2, 0]]
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -120,6 +133,11 @@ def distance_to_go(
 
     Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` as
     `shortest_path` does.
+
+    Examples
+    --------
+    >>> distance_to_go(np.ones((3, 2), dtype=bool), goal=(2, 0), cell_size=0.5).round(3).tolist()
+    [[1.0, 1.207], [0.5, 0.707], [0.0, 0.5]]
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -210,6 +228,11 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     ------
     ValueError
         Where ``gain_db`` is no map of numbers without NaN and +inf, or an end no cell of it.
+
+    Examples
+    --------
+    >>> highest_feasible_target(np.array([[-60.0], [-65.0], [-62.0]]), (0, 0), (2, 0))
+    -65.0
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     start = as_cell(start, "start")

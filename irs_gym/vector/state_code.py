@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import MOVES, cells_at, flat_cells
+from irs_gym.mdp.dynamics import ACTIONS
 from irs_gym.memory import freeze, frozen
 from irs_gym.vector.protocols import States
 
 Ints = NDArray[np.int64]
-
-ACTIONS = len(MOVES)
 
 # The layout of a state, an int64, from the low bits up:
 #

@@ -53,7 +53,13 @@ _ELEMENTS: dict[Panels, tuple[Range, ...]] = {  # of each panel
 
 @dataclass(frozen=True, kw_only=True)
 class Difficulty:
-    """What scenes are drawn from. Raises ``ValueError`` where a value is out of its range."""
+    """What scenes are drawn from. Raises ``ValueError`` where a value is out of its range.
+
+    Examples
+    --------
+    >>> Difficulty(boxes=(5, 5), panels=("none",)).sides  # metres
+    (14.0, 20.0)
+    """
 
     sides: tuple[float, float] = (14.0, 20.0)
     """Least and greatest side of the room in metres."""
@@ -126,6 +132,12 @@ def generate_scene(rng: np.random.Generator, difficulty: str | Difficulty = "def
     ValueError
         Where there is no such difficulty, ``rng`` is no generator, or no scene of that difficulty
         was found.
+
+    Examples
+    --------
+    >>> scene = generate_scene(np.random.default_rng(0), Difficulty(boxes=(5, 5), detour_share=0))
+    >>> len(scene.obstacles)
+    5
     """
     return draw_solved_scene(rng, difficulty).scene
 

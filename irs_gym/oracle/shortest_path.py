@@ -21,9 +21,12 @@ from irs_gym.grid import (
     MOVES,
     Cell,
     as_cell,
+    cells_at,
     checked_cell_size,
     checked_map,
+    flat_cells,
     legal_moves,
+    neighbours,
 )
 from irs_gym.memory import freeze
 
@@ -45,6 +48,12 @@ class Path:
         Its length in metres.
     cells
         int64, shape ``(D, 2)``: its cells (i, j) from start to goal.
+
+    Examples
+    --------
+    >>> path = shortest_path(np.ones((3, 2), dtype=bool), (0, 0), (2, 0), cell_size=0.5)
+    >>> path.distance, path.cells.tolist()
+    (1.0, [[0, 0], [1, 0], [2, 0]])
     """
 
     distance: float
@@ -87,6 +96,13 @@ def shortest_path(
     ------
     ValueError
         Where ``feasible`` is no map of bools, an end no cell of it, or ``cell_size`` not positive.
+
+    Examples
+    --------
+    >>> feasible = np.ones((3, 2), dtype=bool)
+    >>> feasible[1, 0] = False
+    >>> shortest_path(feasible, (0, 0), (2, 0), cell_size=0.5).cells.tolist()
+    [[0, 0], [1, 1], [2, 0]]
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -105,7 +121,7 @@ def shortest_path(
     while flat[-1] != source:
         flat.append(int(before[flat[-1]]))
 
-    cells = np.stack(np.unravel_index(flat[::-1], feasible.shape), axis=-1).astype(np.int64)
+    cells = cells_at(np.array(flat[::-1], dtype=np.int64), feasible.shape)
 
     return Path(path_length(cells, cell_size), cells)
 
@@ -117,6 +133,11 @@ def distance_to_go(
 
     Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` as
     `shortest_path` does.
+
+    Examples
+    --------
+    >>> distance_to_go(np.ones((3, 2), dtype=bool), goal=(2, 0), cell_size=0.5).round(3).tolist()
+    [[1.0, 1.207], [0.5, 0.707], [0.0, 0.5]]
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -171,11 +192,7 @@ def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np
     Metres, shape ``(S, 8, X, Y)``; +inf for moves into and from cells from which the goal cannot be
     reached.
     """
-    columns, rows = to_go.shape[1:]
-    padded = np.pad(to_go, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    ahead = np.stack(
-        [padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1
-    )
+    ahead = neighbours(to_go, np.inf, axis=1)
     length = MOVE_LENGTHS[:, None, None] * cell_size
 
     return ahead + length - np.where(np.isfinite(to_go), to_go, -np.inf)[:, None]
@@ -211,6 +228,11 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     ------
     ValueError
         Where ``gain_db`` is no map of numbers without NaN and +inf, or an end no cell of it.
+
+    Examples
+    --------
+    >>> highest_feasible_target(np.array([[-60.0], [-65.0], [-62.0]]), (0, 0), (2, 0))
+    -65.0
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     start = as_cell(start, "start")
@@ -268,8 +290,7 @@ def flat_cell(array: NDArray[np.generic], cell: Cell, name: str) -> int:
     if not (0 <= cell[0] < array.shape[0] and 0 <= cell[1] < array.shape[1]):
         raise ValueError(f"{name}={tuple(cell)} lies off the map of {array.shape} cells")
 
-    columns: int = array.shape[1]
-    return int(cell[0]) * columns + int(cell[1])
+    return int(flat_cells(np.array(cell), array.shape[:2]))
 
 
 def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
@@ -291,7 +312,7 @@ def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
     rows: Integers = np.zeros(free.size + 1, dtype=index)
     np.cumsum(legal.sum(axis=2).ravel(), out=rows[1:])
     cells, moves = np.divmod(np.flatnonzero(legal).astype(index), len(MOVES))
-    cells += (MOVES @ np.array([free.shape[1], 1])).astype(index)[moves]
+    cells += flat_cells(MOVES, free.shape).astype(index)[moves]
 
     return rows, cells, moves
 

@@ -55,6 +55,12 @@ def straight_line_bound(
         be searched.
     ModuleNotFoundError
         Where shapely is not installed.
+
+    Examples
+    --------
+    >>> free_floor = np.ones((4, 3), dtype=bool)
+    >>> round(straight_line_bound(free_floor, (0, 0), (3, 2), cell_size=1.0), 3)  # sqrt(13)
+    3.606
     """
     if shapely is None:
         raise ModuleNotFoundError(

@@ -33,6 +33,12 @@ class TradeOff:
         before, up to and with the one at its place.
     dijkstra_runs
         Runs of Dijkstra's algorithm that it took: one a step, and a last one that finds no path.
+
+    Examples
+    --------
+    >>> curve = TradeOff(np.array([-80.0, -60.0]), np.array([4.0, 4.8]), dijkstra_runs=3)
+    >>> curve.distance_at([-80.0, -70.0, -50.0]).tolist()
+    [4.0, 4.8, inf]
     """
 
     targets_db: NDArray[np.float64]
@@ -80,6 +86,14 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     ValueError
         Where ``gain_db`` is no map of numbers without NaN and +inf or one of too many cells for
         exact sums, an end no cell of it, or ``cell_size`` not positive.
+
+    Examples
+    --------
+    >>> gain_db = np.full((5, 2), -60.0)
+    >>> gain_db[2, 0] = -80.0  # a shadow on the straight way
+    >>> curve = trade_off(gain_db, (0, 0), (4, 0), cell_size=1.0)
+    >>> curve.targets_db.tolist(), curve.distances.round(3).tolist()
+    ([-80.0, -60.0], [4.0, 4.828])
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     if gain_db.size > _MOST_CELLS:

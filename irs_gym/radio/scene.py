@@ -186,6 +186,13 @@ class Scene(_Part):
     """A factory and the task in it. Lengths in metres, z = 0 on the floor.
 
     Any mistake raises a ``ValueError`` that names the field.
+
+    Examples
+    --------
+    >>> data = load_scene("paper").to_data() | {"name": "mine", "target_db": -60.0}
+    >>> scene = Scene.from_data(data)
+    >>> scene.name, scene.grid(cell_size=0.5).shape
+    ('mine', (40, 40))
     """
 
     format_version: Literal[1] = 1
@@ -375,6 +382,11 @@ def load_scene(source: str | Path) -> Scene:
         Where there is neither such a scene nor such a file.
     ValueError
         Where the file is not a valid scene; the message names each field at fault.
+
+    Examples
+    --------
+    >>> load_scene("paper").start
+    (-10.0, 0.0)
     """
     place = as_path(source, "scene")
     if source in scene_names():

@@ -40,6 +40,17 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
     ValueError
         Where the plane is not horizontal and aligned with the axes, its cells are not square, or an
         array is at fault.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> traced = SimpleNamespace(
+    ...     path_gain=np.array([[[1e-6, 1e-7]], [[0.0, 1e-5]]]),  # (2 transmitters, Y=1, X=2)
+    ...     cell_centers=np.array([[[0.5, 0.5, 1.0], [1.5, 0.5, 1.0]]]),
+    ...     cell_size=(1.0, 1.0),
+    ... )
+    >>> from_sionna(traced).gain_db.tolist()
+    [[-60.0], [-50.0]]
     """
     missing = [
         name for name in ("path_gain", "cell_centers", "cell_size") if not hasattr(radio_map, name)

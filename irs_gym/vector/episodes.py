@@ -174,9 +174,7 @@ class VectorEpisodes:
             goal = world.goal
             path = [world.start]
 
-        start, cell, end = np.ravel_multi_index(
-            np.array([path[0], path[-1], goal]).T, world.feasible.shape
-        ).tolist()
+        start, cell, end = map(world.radio_map.grid.flat, (path[0], path[-1], goal))
         snapshot = Snapshot(
             rules=world.fingerprint,
             scene=self._sampler.scene_number(self._states, i),

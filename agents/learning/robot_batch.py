@@ -57,8 +57,8 @@ class RobotBatch:
         Where each robot is, ``(n,)`` and ``(n, 2)``.
     steps
         How many each has taken since it began, ``(n,)``.
-    seen
-        What each has seen since it began.
+    belief
+        What each has seen of its map since it began.
     """
 
     def __init__(self, config: RobotBatchConfig, pool: SceneSet, rng: np.random.Generator) -> None:
@@ -68,12 +68,12 @@ class RobotBatch:
         self.scenes = np.zeros(n, dtype=np.int64)
         self.cells = np.zeros((n, 2), dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
-        self.seen = BeliefMap.nothing(n, pool.shape, config.patch_radius)
+        self.belief = BeliefMap.nothing(n, pool.shape, config.patch_radius)
         self.begin(pool, np.arange(n))
 
     def known(self, pool: SceneSet) -> tuple[Tensor, Tensor, Tensor]:
         """What the robots know, as `agents.networks.explorer.ExplorerNetwork` takes it: a copy."""
-        margin = np.ascontiguousarray(self.seen.maps)  # (n, X, Y)
+        margin = np.ascontiguousarray(self.belief.maps)  # (n, X, Y)
         goals = flat_cells(pool.goal[self.scenes], pool.shape)  # (n,)
 
         return (
@@ -94,7 +94,7 @@ class RobotBatch:
             self.cells[robot] = self._rng.choice(cells_at(can_start, pool.shape))
 
         self.steps[robots] = 0
-        self.seen = self.seen.forget(robots)
+        self.belief = self.belief.forget(robots)
         self._look(pool)
 
     def move(self, pool: SceneSet, moves: Ints, waits: Bools) -> BatchStep:
@@ -127,5 +127,5 @@ class RobotBatch:
         return cells_at(next_cells(here, moves, can, pool.shape), pool.shape)
 
     def _look(self, pool: SceneSet) -> None:
-        patches = patches_of(pool, self.scenes, self.cells, self.seen.radius)
-        self.seen = self.seen.look(self.cells, patches)
+        patches = patches_of(pool, self.scenes, self.cells, self.belief.radius)
+        self.belief = self.belief.look(self.cells, patches)

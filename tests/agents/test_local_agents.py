@@ -189,16 +189,16 @@ def test_explorer_remembers_by_its_state_alone():
     first, _ = env.reset(options={"scene_id": 0})
     action, memory = policy.predict(first)
     assert action.shape == ()
-    before = memory.seen.margin.copy()
+    before = memory.belief.margin.copy()
     later, *_ = env.step(int(action))
     _, memory_later = policy.predict(later, memory)
-    np.testing.assert_array_equal(memory.seen.margin, before)
-    assert np.isnan(memory_later.seen.maps).sum() <= np.isnan(memory.seen.maps).sum()
+    np.testing.assert_array_equal(memory.belief.margin, before)
+    assert np.isnan(memory_later.belief.maps).sum() <= np.isnan(memory.belief.maps).sum()
     batch, _ = policy.predict(np.stack([first, first]), None, np.array([True, True]))
     assert batch.tolist() == [int(action)] * 2
     _, forgot = policy.predict(later, memory, np.array([True]))
     _, fresh = policy.predict(later)
-    np.testing.assert_array_equal(forgot.seen.margin, fresh.seen.margin)
+    np.testing.assert_array_equal(forgot.belief.margin, fresh.belief.margin)
 
 
 def test_explorer_plays_the_single_task_too():
@@ -250,7 +250,7 @@ def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_g
         assert (cells != POOL.goal[scenes]).any(axis=1).all()
         assert (robots.steps < 15).all()
         here = np.arange(len(cells))
-        assert not np.isnan(robots.seen.maps[here, cells[:, 0], cells[:, 1]]).any()
+        assert not np.isnan(robots.belief.maps[here, cells[:, 0], cells[:, 1]]).any()
         ends += int((robots.steps < steps).sum())
     assert ends > 0
 

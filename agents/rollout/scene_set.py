@@ -14,6 +14,7 @@ from agents.policies.policy import Policy
 from irs_gym.datasets.random_task import RandomTask, build_worlds
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import MOVES
+from irs_gym.mdp.metrics import distance_ratio, spl
 from irs_gym.mdp.task import Observation
 from irs_gym.vector.many_scenes import build_many_scenes
 
@@ -39,16 +40,17 @@ class SceneSetResults:
         """Success weighted by path length: 0 for a failure, else oracle distance over distance, 1
         at most.
         """
-        # sums of floats: an optimal path may come out a rounding shorter than the oracle's
-        longer = np.maximum(self.distance, self.oracle_distance)
-        return np.where(self.is_success, self.oracle_distance / longer, 0.0)
+        return spl(self.is_success, self.oracle_distance, self.distance)
+
+    @property
+    def ratios(self) -> NDArray[np.float64]:
+        """Distance over oracle distance of each success, NaN for a failure."""
+        return distance_ratio(self.is_success, self.oracle_distance, self.distance)
 
     @property
     def ratio(self) -> float | None:
-        """Mean over the successes of distance over oracle distance; None without any."""
-        if not self.is_success.any():
-            return None
-        return float((self.distance / self.oracle_distance)[self.is_success].mean())
+        """Mean of `ratios` over the successes; None without any."""
+        return float(self.ratios[self.is_success].mean()) if self.is_success.any() else None
 
 
 def play_scene_set(
@@ -108,7 +110,7 @@ def roll_out_scene_set(
     for _ in range(max_steps):
         # Those who have arrived are asked no more, unless the policy's memory has a place for each.
         asked = scenes if memory is not None else np.flatnonzero(~is_over)
-        parts = ground.observe(states[asked], packing.empty(len(asked)))
+        parts = ground.observe(states[asked])
         actions, memory = policy.predict(
             packing.unpack(parts), memory, first[asked], deterministic=True
         )

@@ -40,7 +40,7 @@ Wall = Literal["x_min", "x_max", "y_min", "y_max"]
 TARGET_DB = -61.8  # the paper's, where nothing else is said
 MOST_ELEMENTS = 10**12  # of a panel
 _FILE_BYTES = 2**24  # of a scene file; that of a factory has a few thousand
-_MOST_TOLD = 10  # mistakes of one file
+_MOST_LISTED = 10  # mistakes of one file
 
 
 class _Part(BaseModel):
@@ -128,7 +128,8 @@ class IrsPanel(_Part):
     def _can_be_counted(self) -> Self:
         if self.elements > MOST_ELEMENTS:
             raise ValueError(
-                f"columns, rows and elements_per_subsurface make {self.elements} elements, not at most 1e12"
+                f"columns, rows and elements_per_subsurface make {self.elements} elements, "
+                "not at most 1e12"
             )
         return self
 
@@ -200,9 +201,8 @@ class Scene(_Part):
     rician_factor_db: Decibels
     path_loss: PathLoss
     target_db: float = TARGET_DB  # lowest expected channel gain that keeps the robot connected
-    phase_bits: PhaseBits | None = (
-        None  # resolution of all panels' phase shifters; None for continuous phases
-    )
+    # resolution of all panels' phase shifters; None for continuous phases
+    phase_bits: PhaseBits | None = None
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -232,7 +232,8 @@ class Scene(_Part):
             wall = getattr(room, panel.wall)
             if not room.holds(panel.position) or abs(where - wall) > TOUCH:
                 mistakes.append(
-                    f"irs_panels[{n}].position={panel.position} must lie on its wall, {panel.wall[0]} = {wall}"
+                    f"irs_panels[{n}].position={panel.position} must lie on its wall, "
+                    f"{panel.wall[0]} = {wall}"
                 )
 
             mistakes += self._too_near(n, panel)
@@ -245,7 +246,7 @@ class Scene(_Part):
         return mistakes
 
     def _too_near(self, n: int, panel: IrsPanel) -> list[str]:
-        """What to say of a panel that is so near to an access point that path loss would be a gain."""
+        """What to say of a panel so near to an access point that path loss would be a gain."""
         apart = np.array([point.position for point in self.access_points]) - panel.position
         nearest = float(np.sqrt((apart**2).sum(axis=1)).min())
         if nearest <= TOUCH:
@@ -256,8 +257,8 @@ class Scene(_Part):
             return []
 
         return [
-            f"irs_panels[{n}].position={panel.position} is {nearest:.3g} m from an access point: path_loss there is "
-            f"{loss_db:.4g} dB, and no passive link has one below 0"
+            f"irs_panels[{n}].position={panel.position} is {nearest:.3g} m from an access point: "
+            f"path_loss there is {loss_db:.4g} dB, and no passive link has one below 0"
         ]
 
     def _misplaced_ends(self) -> list[str]:
@@ -351,8 +352,9 @@ def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:
         below = max(rows, 0) * step
         above = (max(rows, 0) + 1) * step
         raise ValueError(
-            f"irs_elements={elements} does not fill whole rows of sub-surfaces: a row of {panel.columns} sub-surfaces "
-            f"of {step // panel.columns} elements takes {step}, so {below} or {above} would fit"
+            f"irs_elements={elements} does not fill whole rows of sub-surfaces: a row of "
+            f"{panel.columns} sub-surfaces of {step // panel.columns} elements takes {step}, "
+            f"so {below} or {above} would fit"
         )
 
     return panel.model_copy(update={"rows": rows})
@@ -413,7 +415,7 @@ def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
 
 def _in_one_line(error: ValidationError) -> str:
     mistakes = []
-    for mistake in error.errors(include_url=False)[:_MOST_TOLD]:
+    for mistake in error.errors(include_url=False)[:_MOST_LISTED]:
         field = "".join(
             f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]
         ).lstrip(".")

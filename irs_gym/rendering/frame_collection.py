@@ -1,4 +1,4 @@
-"""`FrameCollection`: the pictures of each environment's episode as a list, for vector environments."""
+"""`FrameCollection`: the pictures of each episode as a list, for vector environments."""
 
 from typing import Any
 

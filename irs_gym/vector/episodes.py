@@ -16,9 +16,10 @@ from irs_gym.mdp.checks import checked_actions
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
+from irs_gym.memory import frozen
 from irs_gym.rendering.episode_view import RENDERERS, view_of
 from irs_gym.vector.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
-from irs_gym.vector.protocols import EpisodeSampler, Outcome
+from irs_gym.vector.protocols import EpisodeSampler
 
 
 class VectorEpisodes:
@@ -50,9 +51,10 @@ class VectorEpisodes:
         self._refused = np.zeros(n, dtype=np.int64)
         self._oracle_distance = np.zeros(n)  # metres
         self._has_violated = np.zeros(n, dtype=bool)
-        self._has_ended = np.zeros(n, dtype=bool)  # and has not begun anew
+        self._nobody = frozen(np.zeros(n, dtype=bool))
+        self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
-        self._just_ended = np.zeros(n, dtype=bool)  # at the latest step
+        self._just_ended = self._nobody  # at the latest step
         self._history = PathHistory(n, max_episode_steps, sampler.map_shape, sampler.num_maps)
 
         # time, in steps of all robots
@@ -76,7 +78,7 @@ class VectorEpisodes:
 
         self._begin(chosen, options)
         self._is_reset = True
-        self._just_ended = np.zeros(self.num_envs, dtype=bool)
+        self._just_ended = self._nobody
 
         step = self._opening()
         infos = self._infos.everywhere(step) if mask.all() else self._infos.of(step, chosen)
@@ -106,23 +108,31 @@ class VectorEpisodes:
         self._distance += outcome.moved
         is_refused = None
         if self._tells_refusals:
-            is_refused = (
-                outcome.states == before
-            )  # a move that is not refused leads to another cell
+            # a move that is not refused leads to another cell
+            is_refused = outcome.states == before
             if resumed is not None:
                 is_refused[resumed] = False
 
             self._refused += is_refused
 
+        if self._sampler.is_violable and outcome.cost is not None:
+            self._has_violated |= outcome.cost > 0
+
         self._history.advance(self._sampler.ground.cells(outcome.states), self._clock)
-        is_success = self._judge(outcome)
 
         # end
         truncated = self._truncated()
-        self._has_ended = outcome.is_terminated | truncated
-        self._num_ended = int(np.count_nonzero(self._has_ended))
+        self._num_ended = int(np.count_nonzero(outcome.is_terminated))
+        if self._num_ended or self._clock >= self._first_deadline:
+            self._has_ended = outcome.is_terminated | truncated
+            self._num_ended = int(np.count_nonzero(self._has_ended))
+        else:
+            self._has_ended = self._nobody
+
         self._just_ended = self._has_ended
 
+        # the goal ends an episode: where none ends, nobody has reached it
+        is_success = outcome.is_at_goal & ~self._has_violated if self._num_ended else None
         step = self._step(is_refused, outcome.cost, is_success)
         if self._num_ended and self.mode is AutoresetMode.SAME_STEP:
             infos = self._end(step, np.flatnonzero(self._has_ended))
@@ -204,16 +214,6 @@ class VectorEpisodes:
         self._deadline[chosen] = self._clock + self.max_episode_steps
         self._first_deadline = int(self._deadline.min())
 
-    def _judge(self, outcome: Outcome) -> NDArray[np.bool_]:
-        """Whether the step reaches the goal of an episode without violations."""
-        if outcome.cost is None:
-            return outcome.is_at_goal.copy()  # which may be the flags of the ends as well
-
-        if self._sampler.is_violable:
-            self._has_violated |= outcome.cost > 0
-
-        return outcome.is_at_goal & ~self._has_violated
-
     def _truncated(self) -> NDArray[np.bool_]:
         """Which episodes are at their step limit."""
         if self._clock < self._first_deadline:
@@ -225,7 +225,7 @@ class VectorEpisodes:
         ones.
         """
         packing = self._sampler.packing
-        final_parts = self._sampler.ground.observe(self._states[ended], packing.empty(len(ended)))
+        final_parts = self._sampler.ground.observe(self._states[ended])
         final_obs = map(packing.unpack, zip(*final_parts, strict=True))
         final = {
             "final_obs": _objects(self.num_envs, ended, final_obs),
@@ -240,10 +240,8 @@ class VectorEpisodes:
             if each is not None:
                 each[ended] = 0
 
-        is_success = step.is_success & ~self._just_ended
-
         return {
-            **self._infos.everywhere(self._step(step.is_refused, step.cost, is_success)),
+            **self._infos.everywhere(self._step(step.is_refused, step.cost, None)),
             **final,
         }
 
@@ -263,18 +261,18 @@ class VectorEpisodes:
     # --- what is returned -------------------------------------------------------------------------
 
     def _observe(self) -> Any:
-        out = self._sampler.packing.empty(self.num_envs) if self.copy else self._buffer
+        out = None if self.copy else self._buffer
         return self._sampler.packing.unpack(self._sampler.ground.observe(self._states, out))
 
     def _opening(self) -> Step:
         """As after a step in which nothing happened."""
-        return self._step(None, None, np.zeros(self.num_envs, dtype=bool))
+        return self._step(None, None, None)
 
     def _step(
         self,
         is_refused: NDArray[np.bool_] | None,
         cost: NDArray[np.float64] | None,
-        is_success: NDArray[np.bool_],
+        is_success: NDArray[np.bool_] | None,
     ) -> Step:
         return Step(
             self._sampler.ground,

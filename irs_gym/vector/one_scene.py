@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.dynamics import ACTIONS, tabulate
-from irs_gym.mdp.observation import Rows, build_observer
+from irs_gym.mdp.observation import build_observer
+from irs_gym.mdp.packing import Parts
 from irs_gym.mdp.task import World
 from irs_gym.memory import freeze
 from irs_gym.vector.protocols import Outcome, States
@@ -36,7 +37,7 @@ class OneScene:
     to_go: NDArray[np.float64]  # (S,)
     gain: NDArray[np.float64]  # (S,)
     margin: NDArray[np.float64]  # (S,)
-    observations: tuple[Rows, ...] | None  # parts of (S, D), where they are small enough to keep
+    observations: Parts | None  # parts of (S, D), where they are small enough to keep
 
     def __post_init__(self) -> None:
         arrays = (*vars(self).values(), *(self.observations or ()))
@@ -62,8 +63,10 @@ class OneScene:
             terminated if is_refusing else self.is_at_goal.take(entry),
         )
 
-    def observe(self, states: States, out: tuple[Rows, ...]) -> tuple[Rows, ...]:  # noqa: D102
-        if self.observations is not None:
+    def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
+        if self.observations is not None and out is None:
+            return tuple([table.take(states, axis=0) for table in self.observations])
+        if self.observations is not None and out is not None:
             # "clip" is the fast mode of a gather into an array; states come from the tables and are
             # in range
             for table, part in zip(self.observations, out, strict=True):
@@ -71,6 +74,7 @@ class OneScene:
             return out
 
         packing = build_observer(self.world, self.goals[0]).packing
+        out = packing.empty(len(states)) if out is None else out
         numbers, cells = np.divmod(states, self.world.feasible.size)
         for number, goal in enumerate(self.goals):
             here = numbers == number

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.observation import Packing, Rows
+from irs_gym.mdp.packing import Packing, Parts
 from irs_gym.mdp.task import World
 
 States = NDArray[
@@ -43,8 +43,8 @@ class TransitionModel(Protocol):
     def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:
         """What actions do in states."""
 
-    def observe(self, states: States, out: tuple[Rows, ...]) -> tuple[Rows, ...]:
-        """Parts of observations, written to ``out``; see `Packing.empty`."""
+    def observe(self, states: States, out: Parts | None = None) -> Parts:
+        """Parts of observations in new memory, or written to ``out``; see `Packing.empty`."""
 
     def cells(self, states: States) -> NDArray[np.int64]:
         """Flat cells; where there are several maps, they lie one above the other."""

@@ -351,7 +351,7 @@ def test_header_that_lies_about_its_size_is_refused(tmp_path):
     with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("action_net.bias.npy", member.getvalue())
     replace_file(run, run.manifest.models["best"].file, content.getvalue())
-    with pytest.raises(RunError, match="but .* values of the type float32 are others"):
+    with pytest.raises(RunError, match=r"but .* values of the type float32 are others"):
         run.load_model()
 
 
@@ -386,6 +386,7 @@ def test_pretrained_policies_of_sb3_over_many_scenes_are_arrays_too(tmp_path, mo
     model = default.agent.build(env, seed=0)
     run = Run.create(tmp_path / "runs" / "it", record_of(default))
     run.save_model("best", model, 8, success=0.5, spl=0.5)
+    run.write_curve([{"steps": 8, "seconds": 1.0, "success": 0.5, "spl": 0.5}])
     run.update(status="finished")
     words = ["--algorithms", "recurrent_ppo", "--out", tmp_path / "models"]
     assert evaluate(monkeypatch, "pretrain", tmp_path / "runs", *words) == 0

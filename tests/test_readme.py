@@ -90,6 +90,7 @@ def run(block: Block, checkout: Path) -> subprocess.CompletedProcess:
         "OMP_NUM_THREADS": "1",
         "SDL_VIDEODRIVER": "dummy",
         "RAY_AUTH_MODE": "disabled",
+        "MINARI_DATASETS_PATH": str(checkout / ".minari"),
     }
     return subprocess.run(
         commands[block.language],

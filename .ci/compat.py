@@ -17,12 +17,13 @@ LATEST = "gymnasium"
 OLDEST = "gymnasium==1.1.*"  # with vector environments
 OLDEST_SINGLE = ("gymnasium==0.29.*", "gymnasium==1.0.*")  # single environments alone
 NEEDED = ("pytest", "pytest-xdist", "hypothesis", "networkx", "scikit-image", "shapely")
-# Tests that import these need torch, whose wheels come later than a new Python.
+# Tests that import these need torch, whose wheels come later than a new Python, or read the checkout.
 ABOVE_CORE = re.compile(
-    r"^(?:from|import) (?:agents|eval|train|stable_baselines3|sb3_contrib|torch)\b", re.MULTILINE
+    r"^(?:from|import) (?:agents|eval|grimp|train|stable_baselines3|sb3_contrib|torch)\b",
+    re.MULTILINE,
 )
 VECTOR = re.compile(
-    r"^(?:from|import) gymnasium\.vector\b.*AutoresetMode|^from irs_gym\.\w*vector_env\b",
+    r"^(?:from|import) gymnasium\.vector\b.*AutoresetMode|^from irs_gym\.envs\.\w*vector_nav\b",
     re.MULTILINE,
 )
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.memory import check_memory, in_words
+from irs_gym.memory import check_memory
 
 MEMBERS = 1000  # arrays in an archive
 _AXES = 32  # of an array
@@ -139,9 +139,7 @@ def _check_size(what: str, size: int, limit: int | None) -> None:
     if limit is None:
         check_memory(what, size)
     elif size > limit:
-        raise ValueError(
-            f"{what} has {in_words(size)}, more than the {in_words(limit)} that are read here"
-        )
+        raise ValueError(f"{what} holds {size:,} bytes, and at most {limit:,} are read")
 
 
 def _members(archive: zipfile.ZipFile, limit: int | None) -> dict[str, zipfile.ZipInfo]:

@@ -199,7 +199,7 @@ def record_of(config: TrainConfig | GeneralistConfig) -> Config:
     own = ("agent", "env", "seed", *_OF_THE_CALL)
     env = config.env
     if isinstance(env, Task):
-        whole = resolved(env)
+        whole = resolved(env).arguments
         env = replace(env, target_db=whole.target_db, phase_bits=whole.phase_bits)
 
     return Config(

@@ -100,7 +100,7 @@ def roll_out_scene_set(
     scenes = np.arange(len(pool))
     packing = ground.packing
     states = ground.states_of(scenes, pool.start, pool.goal)
-    travelled = np.zeros(len(pool), dtype=np.complex128)
+    distance = np.zeros(len(pool))
     memory = None
     is_over = np.zeros(len(pool), dtype=bool)
     first = np.ones(len(pool), dtype=bool)
@@ -108,22 +108,20 @@ def roll_out_scene_set(
     for _ in range(max_steps):
         # Those who have arrived are asked no more, unless the policy's memory has a place for each.
         asked = scenes if memory is not None else np.flatnonzero(~is_over)
-        rows = ground.observe(
-            states[asked], np.empty((len(asked), packing.width), dtype=np.float32)
-        )
+        parts = ground.observe(states[asked])
         actions, memory = policy.predict(
-            packing.unpack(rows), memory, first[asked], deterministic=True
+            packing.unpack(parts), memory, first[asked], deterministic=True
         )
         first[:] = False
         moving = ~is_over[asked]
         outcome = ground.move(states[asked[moving]], np.asarray(actions)[moving])
         states[asked[moving]] = outcome.states
-        travelled[asked[moving]] += outcome.travel
+        distance[asked[moving]] += outcome.moved
         is_over[asked[moving]] = outcome.is_terminated
         if is_over.all():
             break
 
-    return SceneSetResults(is_over, travelled.real, pool.oracle_distance)
+    return SceneSetResults(is_over, distance, pool.oracle_distance)
 
 
 def follow(

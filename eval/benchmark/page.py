@@ -24,7 +24,7 @@ observations into new memory and the observations of ended episodes (`SAME_STEP`
 NOTES = """
 ## What to know about the figures
 
-- All infos that a row has are computed at each step, for every environment: by default the seven keys that cost
+- All infos that a row has are computed at each step, for every environment: by default the six keys that cost
   little, with `infos="all"` all eleven, with `infos=[]` none.
 - "bare np.take" gathers the same rows of observations into one buffer that is used again and again, and does nothing
   else: no environment that looks its observations up can be faster.

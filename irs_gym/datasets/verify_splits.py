@@ -1,7 +1,7 @@
 """The proof that the frozen splits are what they were, and that no scene is in two splits, kept in
 ``splits.json``.
 
-``python -m irs_gym.datasets.verify_splits`` draws all frozen scenes, and as many of the training
+``python -m irs_gym.proof`` draws all frozen scenes, and as many of the training
 set as it is told, holds the former against what is kept of them, and looks for scenes that are in
 two places, turned or mirrored ones included.
 """
@@ -13,7 +13,7 @@ import sys
 
 
 def _end(number: int, frame: object) -> None:
-    os.write(2, b"python -m irs_gym.datasets.verify_splits: interrupted\n")
+    os.write(2, b"python -m irs_gym.proof: interrupted\n")
     os._exit(128 + number)
 
 

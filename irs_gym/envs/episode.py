@@ -36,7 +36,7 @@ class Episode:
         self.tables = tables_for(world, start, goal)
         self.observer = build_observer(world, goal)
         self.is_running = True
-        self._keys = keys
+        self._unwanted = [key for key in KEYS if key not in keys]  # of the infos
         self._cell = int(np.ravel_multi_index(start, world.radio_map.grid.shape))
         self._cells = [self._cell]  # flat indices
         self._oracle_distance = float(self.tables.distance_to_go[start])
@@ -150,7 +150,10 @@ class Episode:
             "spl": float(spl(True, self._oracle_distance, self._distance)) if is_success else 0.0,
             "oracle_distance": self._oracle_distance,
         }
-        return {key: info[key] for key in self._keys}
+        for key in self._unwanted:
+            del info[key]
+
+        return info
 
 
 def begin(

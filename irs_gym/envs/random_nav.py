@@ -25,7 +25,7 @@ from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
 from irs_gym.oracle.shortest_path import Path
 from irs_gym.rendering.modes import with_render_mode
-from irs_gym.vector.infos import Infos, checked_keys
+from irs_gym.vector.infos import SCENE_KEYS, Infos, checked_keys
 
 
 class IrsNavRandomEnv(gymnasium.Env[Any, int]):
@@ -65,7 +65,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     The start of the scene drawn, or with probability ``random_start`` a cell drawn among those from
     which its goal can be reached. ``reset(options={"scene_id": name_or_number})`` chooses the
     scene, ``"start"`` and ``"goal"``, cells (i, j), either end, for one episode.
-    ``info["scene_id"]`` is the scene's name.
+    ``info["scene_id"]`` is the scene's name, ``info["scene_number"]`` its number.
 
     ## Episode End
     Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell
@@ -93,8 +93,8 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        self._keys = checked_keys(infos, ["scene_id"])
-        self._episode_keys = [key for key in self._keys if key != "scene_id"]
+        self._keys = checked_keys(infos, SCENE_KEYS)
+        self._episode_keys = [key for key in self._keys if key not in SCENE_KEYS]
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         self._number = 0  # of the episode's scene
         first = self.worlds.world(0)
@@ -199,11 +199,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         return *outcome[:-1], self._named(outcome[-1])
 
     def _named(self, info: dict[str, Any]) -> dict[str, Any]:
-        """The info with the scene's name."""
-        if "scene_id" in self._keys:
-            info["scene_id"] = self.worlds.pool.names[self._number]
-
-        return info
+        """The info with the scene's number and name."""
+        scene = {"scene_number": self._number, "scene_id": self.worlds.pool.names[self._number]}
+        return info | {key: value for key, value in scene.items() if key in self._keys}
 
     def render(self) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""

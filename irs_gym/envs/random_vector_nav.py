@@ -56,7 +56,8 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
     Notes
     -----
-    Each robot has a scene of its own, named in ``infos["scene_id"]``. The option ``scene_id`` of
+    Each robot has a scene of its own, told by ``infos["scene_number"]``; its name,
+    ``infos["scene_id"]``, is there with ``infos="all"``. The option ``scene_id`` of
     `reset` is one name or number for all, or a list of one for each environment; everything else is
     as in `IrsNavVectorEnv`.
     """
@@ -164,9 +165,14 @@ def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorE
     )
 
 
+def _scene_number(step: Step) -> NDArray[np.int64]:
+    scenes: ManyScenes = step.transition_model  # type: ignore[assignment]
+    return scenes.scenes(step.states)
+
+
 def _scene_id(step: Step) -> NDArray[np.object_]:
-    many_scenes: ManyScenes = step.transition_model  # type: ignore[assignment]
-    return many_scenes.scene_id(step.states)
+    scenes: ManyScenes = step.transition_model  # type: ignore[assignment]
+    return scenes.scene_id(step.states)
 
 
 class _EpisodeSampler:
@@ -175,7 +181,7 @@ class _EpisodeSampler:
     """
 
     is_random = True
-    info_values: Values = {**VALUES, "scene_id": _scene_id}
+    info_values: Values = {**VALUES, "scene_number": _scene_number, "scene_id": _scene_id}
 
     def __init__(self, worlds: Worlds) -> None:
         self.worlds = worlds
@@ -243,12 +249,12 @@ class _EpisodeSampler:
         known to be feasible.
         """
         pool = self.worlds.pool
-        task = self.worlds.task.common
+        rules = self.worlds.task.rules
         starts = pool.start[numbers]
         goals = pool.goal[numbers]
 
-        for n, rng in enumerate(rngs if task.random_start else ()):
-            if draws_start(task, rng):
+        for n, rng in enumerate(rngs if rules.random_start else ()):
+            if draws_start(rules, rng):
                 cells = start_cells(pool.distance_to_go[numbers[n]], tuple(goals[n].tolist()))
                 starts[n] = divmod(draw_start(cells, rng), pool.shape[1])
 

@@ -58,8 +58,8 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         ``"ansi_list"`` as well.
     infos
         Keys that the infos hold, at every step the same: ``"all"`` of the single environment's, a
-        list of some, or ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go`` and
-        ``gain_db``.
+        list of some, or ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go``,
+        ``gain_db`` and ``margin_db``.
     **arguments
         The fields of `irs_gym.mdp.task.Task`.
 
@@ -196,8 +196,8 @@ class _EpisodeSampler:
         self.world = world
         self.transition_model = build_one_scene(world, (world.goal,))
         self.packing = build_observer(world, world.goal).packing
-        self.is_random = bool(world.task.random_start)
-        self.is_violable = world.task.constraint == "allow"
+        self.is_random = bool(world.rules.random_start)
+        self.is_violable = world.rules.constraint == "allow"
         self.map_shape = world.radio_map.grid.shape
         self._goals: list[Cell] = [world.goal] * num_envs
 

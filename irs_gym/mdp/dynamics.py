@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves, octile_distance
-from irs_gym.mdp.task import Constraint, Task, World
+from irs_gym.mdp.task import Constraint, Rules, World
 from irs_gym.memory import freeze
 from irs_gym.oracle.shortest_path import distance_to_go, infeasible
 
@@ -31,20 +31,20 @@ class Transition(NamedTuple):
     is_at_goal: Any
 
 
-def potential(task: Task, offsets: NDArray[np.int64], cell_size: float) -> NDArray[np.float64]:
+def potential(rules: Rules, offsets: NDArray[np.int64], cell_size: float) -> NDArray[np.float64]:
     """Shaping potential in metres, shape ``(...)``: minus the octile distance to the goal, zero
     without shaping.
 
     ``offsets`` ``(..., 2)``: cells from the goal along x and y.
     """
-    return -octile_distance(offsets) * cell_size * task.shaping
+    return -octile_distance(offsets) * cell_size * rules.shaping
 
 
 def reward(
-    task: Task, length: Any, potential_now: Any, potential_next: Any, is_at_goal: Any
+    rules: Rules, length: Any, potential_now: Any, potential_next: Any, is_at_goal: Any
 ) -> Any:
     """Minus the metres of the move, plus the change of the potential, plus the goal's bonus."""
-    return -length + (potential_next - potential_now) + task.goal_bonus * is_at_goal
+    return -length + (potential_next - potential_now) + rules.goal_bonus * is_at_goal
 
 
 def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[Bools, Bools]:
@@ -65,9 +65,9 @@ def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[B
     return is_open, np.where(is_open, ~keeps_target, ~feasible[..., None])
 
 
-def ends(task: Task, is_at_goal: Any, is_violation: Any) -> Any:
+def ends(rules: Rules, is_at_goal: Any, is_violation: Any) -> Any:
     """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is missed."""
-    return is_at_goal | is_violation if task.constraint == "terminate" else is_at_goal
+    return is_at_goal | is_violation if rules.constraint == "terminate" else is_at_goal
 
 
 def transition(world: World, goal: Cell) -> Transition:
@@ -75,25 +75,25 @@ def transition(world: World, goal: Cell) -> Transition:
 
     A refused move leaves the robot where it is and costs the move all the same.
     """
-    task = world.task
+    rules = world.rules
     grid = world.radio_map.grid
     cells = np.arange(world.feasible.size)[:, None]
     is_legal, is_violation = (
         each.reshape(-1, ACTIONS)
-        for each in permissions(task.constraint, world.radio_map.free, world.feasible)
+        for each in permissions(rules.constraint, world.radio_map.free, world.feasible)
     )
     next_cell = np.where(is_legal, cells + MOVES @ np.array([grid.shape[1], 1]), cells)
     length = np.broadcast_to(MOVE_LENGTHS * grid.cell_size, is_legal.shape)
     is_at_goal = is_legal & (next_cell == np.ravel_multi_index(goal, grid.shape))
-    phi = potential(task, _cells(grid.shape) - np.array(goal), grid.cell_size)
+    phi = potential(rules, _cells(grid.shape) - np.array(goal), grid.cell_size)
 
     return Transition(
         next_cell=next_cell,
-        reward=reward(task, length, phi[cells], phi[next_cell], is_at_goal),
+        reward=reward(rules, length, phi[cells], phi[next_cell], is_at_goal),
         moved=np.where(is_legal, length, 0.0),
         is_refused=~is_legal,
         cost=is_violation.astype(np.float64),
-        is_terminated=ends(task, is_at_goal, is_violation),
+        is_terminated=ends(rules, is_at_goal, is_violation),
         is_at_goal=is_at_goal,
     )
 
@@ -119,7 +119,7 @@ def _cells(shape: tuple[int, int]) -> NDArray[np.int64]:
 
 def action_mask(world: World) -> NDArray[np.int8]:
     """1 where an action is not refused, shape ``(X * Y, 8)``."""
-    is_legal, _ = permissions(world.task.constraint, world.radio_map.free, world.feasible)
+    is_legal, _ = permissions(world.rules.constraint, world.radio_map.free, world.feasible)
     return is_legal.reshape(-1, ACTIONS).astype(np.int8)
 
 
@@ -195,7 +195,7 @@ def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
     """The world's start; with the probability that its task says, one drawn among the cells that
     lead to the goal.
     """
-    if not draws_start(world.task, rng):
+    if not draws_start(world.rules, rng):
         return world.start
 
     check_cell(world, "goal", goal)
@@ -210,9 +210,9 @@ def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
     return i, j
 
 
-def draws_start(task: Task, rng: np.random.Generator) -> bool:
+def draws_start(rules: Rules, rng: np.random.Generator) -> bool:
     """Whether the start of this episode is a drawn one."""
-    probability = task.random_start
+    probability = rules.random_start
     return bool(probability and (probability == 1 or rng.random() < probability))
 
 
@@ -260,14 +260,14 @@ def check_task(world: World) -> None:
     """
     to_go = tables_for(world, world.start, world.goal).distance_to_go
     check_bonus(
-        world.task,
+        world.rules,
         float(to_go[world.start]),
         np.subtract(world.start, world.goal),
         world.radio_map.grid.cell_size,
     )
 
 
-def check_bonus(task: Task, distance: float, offset: NDArray[np.int64], cell_size: float) -> None:
+def check_bonus(rules: Rules, distance: float, offset: NDArray[np.int64], cell_size: float) -> None:
     """Refuse a goal's bonus with which giving up would pay.
 
     Parameters
@@ -282,9 +282,9 @@ def check_bonus(task: Task, distance: float, offset: NDArray[np.int64], cell_siz
     ValueError
         Where violations end the episode, and one at once returns more than the path.
     """
-    detour = distance + float(potential(task, offset, cell_size))
-    if task.constraint == "terminate" and detour >= task.goal_bonus:
+    detour = distance + float(potential(rules, offset, cell_size))
+    if rules.constraint == "terminate" and detour >= rules.goal_bonus:
         raise ValueError(
-            f"goal_bonus={task.goal_bonus} is too small for constraint='terminate': to end the episode by a violation "
+            f"goal_bonus={rules.goal_bonus} is too small for constraint='terminate': to end the episode by a violation "
             f"would pay more than the detour of {detour:.3f} m, so a bonus above that is needed"
         )

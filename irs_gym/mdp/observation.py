@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from math import prod
 from typing import Any
 
@@ -19,6 +20,7 @@ _MOST_CELLS = 2**24  # whole numbers up to this one are float32 as well
 _LARGEST_TABLE = 2**27  # bytes: observations of larger worlds are computed as they are asked for
 
 Rows = NDArray[np.float32]
+Parts = tuple[Rows, ...]  # of rows: one for each array of an observation
 
 
 @dataclass(frozen=True)
@@ -79,28 +81,41 @@ class Packing:
 
         return _box((self.width,) if self.observation == "flat" else (4, *self.shape))
 
-    def unpack(self, rows: Rows) -> Any:
-        """Observations of rows ``(..., D)``, with the leading axes kept: views of them, but for
+    @cached_property
+    def columns(self) -> tuple[slice, ...]:
+        """Columns of a row that are an array of their own in an observation."""
+        inner = {"dict": (self.patch_end, self.irs_end), "masked": (self.flat_end,)}
+        edges = [0, *inner.get(self.observation, ()), self.width]
+        return tuple(slice(*each) for each in pairwise(edges))
+
+    def empty(self, count: int) -> Parts:
+        """Memory for the parts of that many rows. Each part is in one piece, as not every library
+        of arrays takes a view with gaps.
+        """
+        widths = [each.stop - each.start for each in self.columns]
+        return tuple(np.empty((count, width), dtype=np.float32) for width in widths)
+
+    def split(self, rows: Rows) -> Parts:
+        """Parts of rows ``(..., D)``, as views of them."""
+        return tuple(rows[..., each] for each in self.columns)
+
+    def unpack(self, parts: Parts) -> Any:
+        """Observations of the parts of rows, with the leading axes kept: views of them, but for
         masks and cells.
         """
-        if self.observation == "flat":
-            return rows
-
-        leading = rows.shape[:-1]
+        first = parts[0]
+        leading = first.shape[:-1]
         if self.observation == "masked":
-            mask = rows[..., self.flat_end :].astype(np.int8)
-            return {"action_mask": mask, "observation": rows[..., : self.flat_end]}
-
+            return {"action_mask": parts[1].astype(np.int8), "observation": first}
         if self.observation == "cell":
-            return rows[..., 0].astype(np.int64) if leading else int(rows[0])
+            return first[..., 0].astype(np.int64) if leading else int(first[0])
         if self.observation == "map":
-            return rows.reshape(*leading, 4, *self.shape)
+            return first.reshape(*leading, 4, *self.shape)
+        if self.observation == "dict":
+            patch = first.reshape(*leading, self.side, self.side)
+            return {"gain_patch": patch, "irs": parts[1], "position": parts[2]}
 
-        return {
-            "gain_patch": rows[..., : self.patch_end].reshape(*leading, self.side, self.side),
-            "irs": rows[..., self.patch_end : self.irs_end],
-            "position": rows[..., self.irs_end :],
-        }
+        return first
 
 
 def _box(shape: tuple[int, ...]) -> spaces.Box:
@@ -129,8 +144,10 @@ class Observer:
     def __post_init__(self) -> None:
         # Robots are in the same cells again and again, and to copy parts is faster than to take a
         # copy apart.
-        seen = lru_cache(maxsize=4096)(lambda cell: self.packing.unpack(self.table[cell]))  # type: ignore[index]
-        object.__setattr__(self, "_seen", seen)
+        def seen(cell: int) -> Any:
+            return self.packing.unpack(self.packing.split(self.table[cell]))  # type: ignore[index]
+
+        object.__setattr__(self, "_seen", lru_cache(maxsize=4096)(seen))
 
     def __reduce__(self) -> Any:
         return build_observer, (self.world, self.goal)
@@ -142,7 +159,7 @@ class Observer:
 
         if self.table is None:
             rows = self.rows(np.array([cell]), np.empty((1, self.packing.width), dtype=np.float32))
-            return self.packing.unpack(rows[0])
+            return self.packing.unpack(self.packing.split(rows[0]))
 
         observation = self._seen(cell).copy()
         if isinstance(observation, dict):

@@ -311,12 +311,7 @@ class Channel:
 
     def phase_shifts(self, hardware: Hardware) -> Floats:
         """Phase shifts of all sub-surfaces in [0, 2 pi), shape ``(n, N)``."""
-        direct = self.direct_los
-        reflected = self.reflected_los(hardware.array_model)
-        if hardware.levels is None:
-            return continuous_phases(direct, reflected)
-
-        return _QUANTISERS[hardware.quantiser](direct, reflected, hardware.levels)
+        return _phase_shifts(self.direct_los, self.reflected_los(hardware.array_model), hardware)
 
     def expected_gain(self, hardware: Hardware) -> Floats:
         """E[abs(c)^2] for the chosen phase shifts, linear, shape ``(n,)``.
@@ -329,16 +324,36 @@ class Channel:
 
         Continuous phases attain the upper bound (eq. 13), abs(h) + sum_p norm1(w_p) (eq. 15).
         """
-        if hardware.levels is None:
-            sums = [c.amplitude * _MAGNITUDES[hardware.array_model](c) for c in self.cascades]
-            magnitude = self.direct.los_amplitude + sum(sums)
-        else:
-            turned = self.reflected_los(hardware.array_model) * np.exp(
-                1j * self.phase_shifts(hardware)
-            )
-            magnitude = np.abs(self.direct_los + turned.sum(axis=1))
+        if hardware.levels is not None:
+            return self.gain_and_shifts(hardware)[0]
+
+        sums = [c.amplitude * _MAGNITUDES[hardware.array_model](c) for c in self.cascades]
+        magnitude = self.direct.los_amplitude + sum(sums)
 
         return np.asarray(magnitude**2 + self.scattered_power())
+
+    def gain_and_shifts(self, hardware: Hardware) -> tuple[Floats, Floats]:
+        """`expected_gain` and `phase_shifts`, the channel of each sub-surface computed once."""
+        direct = self.direct_los  # (n,)
+        reflected = [self.reflected_los(hardware.array_model)]  # one array, (n, N)
+        shifts = _phase_shifts(direct, reflected[0], hardware)  # (n, N)
+        if hardware.levels is None:
+            return self.expected_gain(hardware), shifts
+
+        # Taken out of the list, a large array is multiplied in place. That rounds another way than
+        # a product in new memory does, by a last digit, and the maps of frozen scenes are kept.
+        turned = reflected.pop() * np.exp(1j * shifts)  # (n, N)
+        magnitude = np.abs(direct + turned.sum(axis=1))  # (n,)
+
+        return np.asarray(magnitude**2 + self.scattered_power()), shifts
+
+
+def _phase_shifts(direct: Complexes, reflected: Complexes, hardware: Hardware) -> Floats:
+    """Phase shifts ``(n, N)`` that the hardware holds for the channels ``(n,)`` and ``(n, N)``."""
+    if hardware.levels is None:
+        return continuous_phases(direct, reflected)
+
+    return _QUANTISERS[hardware.quantiser](direct, reflected, hardware.levels)
 
 
 def channel(scene: Scene, access_point: AccessPoint, positions: Floats) -> Channel:

@@ -14,6 +14,7 @@ from irs_gym.mdp.checks import checked_actions
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
+from irs_gym.memory import frozen
 from irs_gym.rendering.episode_view import RENDERERS, view_of
 from irs_gym.vector.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
 from irs_gym.vector.protocols import EpisodeSampler, Outcome
@@ -49,9 +50,10 @@ class VectorEpisodes:
         self._refused = np.zeros(n, dtype=np.int64)
         self._oracle_distance = np.zeros(n)  # metres
         self._has_violated = np.zeros(n, dtype=bool)
-        self._has_ended = np.zeros(n, dtype=bool)  # and has not begun anew
+        self._nobody = frozen(np.zeros(n, dtype=bool))
+        self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
-        self._just_ended = np.zeros(n, dtype=bool)  # at the latest step
+        self._just_ended = self._nobody  # at the latest step
         self._history = PathHistory(n, max_episode_steps, sampler.map_shape, sampler.num_maps)
 
         # Time, in steps of all robots. An episode's limit is kept as the time at which it ends, so
@@ -63,7 +65,7 @@ class VectorEpisodes:
         # made on first use: most environments draw nothing
         self._rngs: list[np.random.Generator | None] = [None] * n
         self._is_reset = False
-        self._buffer = np.empty((n, sampler.packing.width), dtype=np.float32)
+        self._buffer = sampler.packing.empty(n)
 
     def reset(
         self, seeds: Sequence[int | None] | None, options: dict[str, Any] | None
@@ -77,7 +79,7 @@ class VectorEpisodes:
 
         self._begin(chosen, options)
         self._is_reset = True
-        self._just_ended = np.zeros(self.num_envs, dtype=bool)
+        self._just_ended = self._nobody
 
         # infos of the environments that were reset, and of no others
         step = self._opening()
@@ -112,15 +114,27 @@ class VectorEpisodes:
             is_refused = self._refusals(before, outcome, resumed)
             self._refused += is_refused
 
+        # An episode that has ever gone below the target is none that succeeds.
+        if self._sampler.is_violable and outcome.cost is not None:
+            self._has_violated |= outcome.cost > 0
+
         cells = self._sampler.transition_model.cells(outcome.states)
         self._history.advance(cells, self._clock)
-        is_success = self._judge(outcome)
 
         # Episodes end at the goal, at a violation where it is terminal, or at the step limit.
+        # Most steps end none, and then no flags are computed.
         truncated = self._truncated()
-        self._has_ended = outcome.is_terminated | truncated
-        self._num_ended = int(np.count_nonzero(self._has_ended))
+        self._num_ended = int(np.count_nonzero(outcome.is_terminated))
+        if self._num_ended or self._clock >= self._first_deadline:
+            self._has_ended = outcome.is_terminated | truncated
+            self._num_ended = int(np.count_nonzero(self._has_ended))
+        else:
+            self._has_ended = self._nobody
+
         self._just_ended = self._has_ended
+
+        # The goal ends an episode: where none ends, nobody has reached it.
+        is_success = outcome.is_at_goal & ~self._has_violated if self._num_ended else None
 
         # Same-step autoreset begins new episodes before the observation is taken; the infos then
         # tell of the new ones, and carry the last ones of the old.
@@ -219,17 +233,6 @@ class VectorEpisodes:
 
         return is_refused
 
-    def _judge(self, outcome: Outcome) -> NDArray[np.bool_]:
-        """Whether the step reaches the goal of an episode without violations."""
-        if outcome.cost is None:
-            return outcome.is_at_goal.copy()  # which may be the flags of the ends as well
-
-        # an episode that has ever gone below the target is none that succeeds
-        if self._sampler.is_violable:
-            self._has_violated |= outcome.cost > 0
-
-        return outcome.is_at_goal & ~self._has_violated
-
     def _truncated(self) -> NDArray[np.bool_]:
         """Which episodes are at their step limit, ``(n,)``."""
         if self._clock < self._first_deadline:
@@ -242,10 +245,10 @@ class VectorEpisodes:
         """
         # the last of the old episodes, before their states are lost
         packing = self._sampler.packing
-        final_rows = np.empty((len(ended), packing.width), dtype=np.float32)
-        final_rows = self._sampler.transition_model.observe(self._states[ended], final_rows)
+        final_parts = self._sampler.transition_model.observe(self._states[ended])
+        final_obs = map(packing.unpack, zip(*final_parts, strict=True))
         final = {
-            "final_obs": _objects(self.num_envs, ended, map(packing.unpack, final_rows)),
+            "final_obs": _objects(self.num_envs, ended, final_obs),
             "_final_obs": self._just_ended.copy(),
             "final_info": self._infos.of(step, ended),
             "_final_info": self._just_ended.copy(),
@@ -258,10 +261,8 @@ class VectorEpisodes:
             if each is not None:
                 each[ended] = 0
 
-        is_success = step.is_success & ~self._just_ended
-
         return {
-            **self._infos.everywhere(self._step(step.is_refused, step.cost, is_success)),
+            **self._infos.everywhere(self._step(step.is_refused, step.cost, None)),
             **final,
         }
 
@@ -284,19 +285,19 @@ class VectorEpisodes:
 
     def _observe(self) -> Any:
         """The observations of all robots, in memory of their own or in one buffer for all steps."""
-        out = np.empty_like(self._buffer) if self.copy else self._buffer  # (n, D)
-        rows = self._sampler.transition_model.observe(self._states, out)
-        return self._sampler.packing.unpack(rows)
+        out = None if self.copy else self._buffer
+        parts = self._sampler.transition_model.observe(self._states, out)
+        return self._sampler.packing.unpack(parts)
 
     def _opening(self) -> Step:
         """As after a step in which nothing happened."""
-        return self._step(None, None, np.zeros(self.num_envs, dtype=bool))
+        return self._step(None, None, None)
 
     def _step(
         self,
         is_refused: NDArray[np.bool_] | None,
         cost: NDArray[np.float64] | None,
-        is_success: NDArray[np.bool_],
+        is_success: NDArray[np.bool_] | None,
     ) -> Step:
         """What the infos are made of."""
         return Step(

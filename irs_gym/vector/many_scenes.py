@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from irs_gym.datasets.random_task import Worlds
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell
 from irs_gym.mdp.dynamics import ACTIONS, ends, permissions, potential, reward, tabulate
-from irs_gym.mdp.observation import Packing, Rows, own_positions, scaled_margin, vectors_to_goal
+from irs_gym.mdp.observation import (
+    Packing,
+    Parts,
+    Rows,
+    own_positions,
+    scaled_margin,
+    vectors_to_goal,
+)
 from irs_gym.memory import freeze, frozen
 from irs_gym.vector.protocols import Outcome, States
 
@@ -30,7 +37,7 @@ _BLOCK = 256  # scenes whose rules are worked out at a time: bounds memory
 
 @dataclass(frozen=True, eq=False)
 class ManyScenes:
-    """The ground of many worlds: S maps of C cells each, every row and every map with a border
+    """The rules of many worlds: S maps of C cells each, every row and every map with a border
     behind it.
 
     The border of blocked cells is as wide as the robots see, so that a window never reaches into
@@ -88,7 +95,7 @@ class ManyScenes:
         i, j = np.divmod(states & _PLACE, self.shape[1])
         return np.stack([i % self.shape[0], j], axis=-1)
 
-    # --- ground -----------------------------------------------------------------------------------
+    # --- transition model -------------------------------------------------------------------------
 
     def move(self, states: States, actions: Ints) -> Outcome:  # noqa: D102
         places = states & _PLACE
@@ -99,7 +106,7 @@ class ManyScenes:
         if self.violating is not None:
             is_violation = _BITS.take(self.violating.take(places) + actions)
             cost = is_violation.astype(np.float64)
-            is_terminated = ends(self.worlds.task.common, is_at_goal, is_violation)
+            is_terminated = ends(self.worlds.task.rules, is_at_goal, is_violation)
 
         return Outcome(
             states + self._steps.take(codes),
@@ -110,29 +117,36 @@ class ManyScenes:
             is_at_goal,
         )
 
-    def observe(self, states: States, out: Rows) -> Rows:  # noqa: D102
+    def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
+        out = self.packing.empty(len(states)) if out is None else out
+        first = out[0]
         if self.packing.observation == "map":
-            return self._observe_maps(states, out)
+            self._observe_maps(states, first)
+            return out
 
         if self.packing.observation == "cell":
-            out[:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
+            first[:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
             return out
 
         places = states & _PLACE
         patch_end = self.packing.patch_end
         irs_end = self.packing.irs_end
         scenes = places // self._size
-        windows = self.windows[places[:, None] + self._rows]
-        out[:, :patch_end] = windows.view(np.float32)
-        out[:, patch_end:irs_end] = self.worlds.pool.irs.take(scenes, axis=0)
-        out[:, irs_end : irs_end + 2] = self._own.take(places - scenes * self._size, axis=0)
-        out[:, irs_end + 2 : irs_end + 4] = self._to_goal.take(states >> _OFFSET, axis=0)
+        patch, irs, position = (
+            out
+            if self.packing.observation == "dict"
+            else (first[:, :patch_end], first[:, patch_end:irs_end], first[:, irs_end:])
+        )
+        patch[:] = self.windows[places[:, None] + self._rows].view(np.float32)
+        irs[:] = self.worlds.pool.irs.take(scenes, axis=0)
+        position[:, :2] = self._own.take(places - scenes * self._size, axis=0)
+        position[:, 2:] = self._to_goal.take(states >> _OFFSET, axis=0)
         if self.packing.observation == "masked":
-            out[:, irs_end + 4 :] = self.action_mask(states)
+            out[1][:] = self.action_mask(states)
 
         return out
 
-    def _observe_maps(self, states: States, out: Rows) -> Rows:
+    def _observe_maps(self, states: States, out: Rows) -> None:
         scenes, each, (columns, rows) = (
             self.scenes(states),
             np.arange(len(states)),
@@ -146,8 +160,6 @@ class ManyScenes:
 
         for channel, cells in ((2, self._cells(states)), (3, self.goals(states))):
             images[each, channel, cells[:, 0], cells[:, 1]] = 1.0
-
-        return out
 
     def cells(self, states: States) -> Ints:  # noqa: D102
         return states & _PLACE
@@ -314,13 +326,13 @@ def _offsets(shape: tuple[int, int]) -> Ints:
 
 def _rewards(worlds: Worlds) -> dict[str, NDArray[Any]]:
     """Rewards of all moves and whether they reach the goal, by offset and code."""
-    task = worlds.task.common
+    rules = worlds.task.rules
     cell_size = worlds.pool.cell_size
     offsets = _offsets(worlds.pool.shape)[:, None, None]
     is_legal = np.array([False, True])
     after = offsets + MOVES[:, None] * is_legal[:, None]  # (O, 8, 2, 2)
     is_at_goal = is_legal & (after == 0).all(axis=-1)
-    now, then = (potential(task, each, cell_size) for each in (offsets, after))
-    rewards = reward(task, MOVE_LENGTHS[:, None] * cell_size, now, then, is_at_goal)
+    now, then = (potential(rules, each, cell_size) for each in (offsets, after))
+    rewards = reward(rules, MOVE_LENGTHS[:, None] * cell_size, now, then, is_at_goal)
 
     return {"reward": rewards.ravel(), "is_at_goal": is_at_goal.ravel()}

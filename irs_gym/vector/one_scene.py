@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.dynamics import ACTIONS, tabulate
-from irs_gym.mdp.observation import build_observer
+from irs_gym.mdp.observation import Parts, build_observer
 from irs_gym.mdp.task import World
 from irs_gym.memory import freeze
 from irs_gym.vector.protocols import Outcome, States
@@ -18,7 +18,7 @@ from irs_gym.vector.protocols import Outcome, States
 
 @dataclass(frozen=True, eq=False)
 class OneScene:
-    """The ground of one world. A state is a flat cell plus ``X * Y`` times the number of its goal.
+    """The rules of one world. A state is a flat cell plus ``X * Y`` times the number of its goal.
     S states, 8 actions.
 
     What each method gives for states is described in `irs_gym.vector.protocols.TransitionModel`.
@@ -36,10 +36,11 @@ class OneScene:
     to_go: NDArray[np.float64]  # (S,)
     gain: NDArray[np.float64]  # (S,)
     margin: NDArray[np.float64]  # (S,)
-    observations: NDArray[np.float32] | None  # (S, D), where it is small enough to keep
+    observations: Parts | None  # parts of (S, D), where they are small enough to keep
 
     def __post_init__(self) -> None:
-        freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
+        arrays = (*vars(self).values(), *(self.observations or ()))
+        freeze(*(each for each in arrays if isinstance(each, np.ndarray)))
 
     def first_state(self, goal: Cell) -> int:
         """State of the cell (0, 0) for a goal."""
@@ -61,17 +62,25 @@ class OneScene:
             terminated if is_refusing else self.is_at_goal.take(entry),
         )
 
-    def observe(self, states: States, out: NDArray[np.float32]) -> NDArray[np.float32]:  # noqa: D102
-        if self.observations is not None:
+    def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
+        if self.observations is not None and out is None:
+            return tuple([table.take(states, axis=0) for table in self.observations])
+        if self.observations is not None and out is not None:
             # "clip" is the fast mode of a gather into an array; states come from the tables and are
             # in range
-            return self.observations.take(states, axis=0, out=out, mode="clip")
+            for table, part in zip(self.observations, out, strict=True):
+                table.take(states, axis=0, out=part, mode="clip")
+            return out
 
+        packing = build_observer(self.world, self.goals[0]).packing
+        out = packing.empty(len(states)) if out is None else out
         numbers, cells = np.divmod(states, self.world.feasible.size)
         for number, goal in enumerate(self.goals):
             here = numbers == number
-            rows = np.empty((int(np.count_nonzero(here)), out.shape[1]), dtype=np.float32)
-            out[here] = build_observer(self.world, goal).rows(cells[here], rows)
+            rows = np.empty((int(np.count_nonzero(here)), packing.width), dtype=np.float32)
+            rows = build_observer(self.world, goal).rows(cells[here], rows)
+            for part, its in zip(out, packing.split(rows), strict=True):
+                part[here] = its
 
         return out
 
@@ -92,9 +101,10 @@ class OneScene:
 
 
 def build_one_scene(world: World, goals: tuple[Cell, ...]) -> OneScene:
-    """Stack of a world for the goals; a goal that was used before costs no run of Dijkstra."""
+    """Tables of a world for the goals; a goal that was used before costs no run of Dijkstra."""
     tables = [tabulate(world, goal) for goal in goals]
     observed = [build_observer(world, goal).table for goal in goals]
+    packing = build_observer(world, goals[0]).packing
     size = world.feasible.size
 
     return OneScene(
@@ -114,7 +124,9 @@ def build_one_scene(world: World, goals: tuple[Cell, ...]) -> OneScene:
         to_go=_join([each.cell["distance_to_go"] for each in tables]),
         gain=_join([each.cell["gain_db"] for each in tables]),
         margin=_join([each.cell["margin_db"] for each in tables]),
-        observations=None if any(each is None for each in observed) else _join(observed),
+        observations=None
+        if any(each is None for each in observed)
+        else tuple(np.ascontiguousarray(each) for each in packing.split(_join(observed))),
     )
 
 

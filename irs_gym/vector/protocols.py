@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.observation import Packing, Rows
+from irs_gym.mdp.observation import Packing, Parts
 from irs_gym.mdp.task import World
 
 # (n,): where robots are and where they want to go, each as one number. What the number means is the
@@ -41,8 +41,8 @@ class TransitionModel(Protocol):
     def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:
         """What actions do in states."""
 
-    def observe(self, states: States, out: Rows) -> Rows:
-        """Packed observations, written to ``out`` (n, D)."""
+    def observe(self, states: States, out: Parts | None = None) -> Parts:
+        """Parts of observations in new memory, or written to ``out``; see `Packing.empty`."""
 
     def cells(self, states: States) -> NDArray[np.int64]:
         """Flat cells; where there are several maps, they lie one above the other."""

@@ -107,7 +107,7 @@ def test_pickle_in_place_of_weights_is_never_run(models):
     record = json.loads((models / "manifest.json").read_text())
     record["models"][0]["sha256"] = sha256(path.read_bytes()).hexdigest()
     (models / "manifest.json").write_text(json.dumps(record))
-    with pytest.raises(PretrainedError, match="pickled objects, which are never read"):
+    with pytest.raises(PretrainedError, match="holds objects, which would have to be unpickled"):
         load_pretrained(ENTRIES[0].config.algorithm, folder=models, **arguments_of(ENTRIES[0].task))
 
 

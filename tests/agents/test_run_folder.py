@@ -374,7 +374,7 @@ def test_only_what_dead_processes_left_is_removed(tmp_path):
 REPLACE = """
 import os, sys
 from pathlib import Path
-from agents import provenance
+from agents.runs import provenance
 from agents.runs.run_folder import Run
 from agents.runs.manifest import Config
 

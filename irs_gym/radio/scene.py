@@ -1,6 +1,4 @@
-"""`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated,
-loaded and saved.
-"""
+"""`Scene`: the factory as data (room, obstacles, antennas, task), validated, loaded and saved."""
 
 import json
 from collections.abc import Mapping
@@ -186,6 +184,15 @@ class Scene(_Part):
     """A factory and the task in it. Lengths in metres, z = 0 on the floor.
 
     Any mistake raises a ``ValueError`` that names the field.
+
+    Examples
+    --------
+    >>> scene = load_scene("paper")
+    >>> len(scene.obstacles), scene.irs_panels[0].elements
+    (5, 1200)
+    >>> Scene.from_data({**scene.to_data(), "carrier_ghz": -2.0})
+    Traceback (most recent call last):
+    ValueError: scene: carrier_ghz: Input should be greater than 0 (got -2.0)
     """
 
     format_version: Literal[1] = 1
@@ -375,6 +382,11 @@ def load_scene(source: str | Path) -> Scene:
         Where there is neither such a scene nor such a file.
     ValueError
         Where the file is not a valid scene; the message names each field at fault.
+
+    Examples
+    --------
+    >>> load_scene("paper").room.height
+    5.0
     """
     place = as_path(source, "scene")
     if source in scene_names():

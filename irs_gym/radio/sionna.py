@@ -40,6 +40,18 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
     ValueError
         Where the plane is not horizontal and aligned with the axes, its cells are not square, or an
         array is at fault.
+
+    Examples
+    --------
+    What stands in for Sionna's result here is made by hand:
+
+    >>> from types import SimpleNamespace
+    >>> centres = [[[0.25, 0.25, 1.5], [0.75, 0.25, 1.5]]]  # two cells along x
+    >>> path_gain = [[[1e-6, 0.0]]]
+    >>> traced = SimpleNamespace(path_gain=path_gain, cell_centers=centres, cell_size=(0.5, 0.5))
+    >>> radio_map = from_sionna(traced)
+    >>> radio_map.gain_db.tolist(), radio_map.grid.origin
+    ([[-60.0], [-inf]], (0.0, 0.0))
     """
     missing = [
         name for name in ("path_gain", "cell_centers", "cell_size") if not hasattr(radio_map, name)

@@ -12,9 +12,9 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies.observation_decoding import decode, is_cell
 from agents.registry import Algorithm
 from agents.single.config import AgentConfig
+from irs_gym.mdp.packing import Packing
 
 if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback
@@ -194,6 +194,4 @@ class QLearning:
 
     def _decode(self, observation: Any) -> NDArray[np.int64]:
         """Flat cells of the robots."""
-        return (
-            np.asarray(observation) if is_cell(observation) else decode(observation, self.shape)[0]
-        )
+        return Packing.of(observation, self.shape).own_cells(observation)

@@ -181,6 +181,7 @@ def build_scene_set(
             f"num_scenes={num_scenes!r} must be a number from 1 to {size}, the scenes of {split!r}"
         )
 
+    # refused here where it would not fit, before hours of building
     _check_memory(int(count), split_of(split).frame, f"num_scenes={count}")
     folder = cache_folder() if cache is None else Path(cache)
     shard = build_shards(split, int(count), jobs=jobs, progress=progress, folder=folder)

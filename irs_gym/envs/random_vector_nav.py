@@ -171,12 +171,12 @@ def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorE
 
 
 def _scene_number(step: Step) -> NDArray[np.int64]:
-    scenes: ManyScenes = step.ground  # type: ignore[assignment]
+    scenes: ManyScenes = step.transition_model  # type: ignore[assignment]
     return scenes.code.scenes(step.states)
 
 
 def _scene_id(step: Step) -> NDArray[np.object_]:
-    scenes: ManyScenes = step.ground  # type: ignore[assignment]
+    scenes: ManyScenes = step.transition_model  # type: ignore[assignment]
     return scenes.scene_id(step.states)
 
 
@@ -190,10 +190,10 @@ class _EpisodeSampler:
 
     def __init__(self, worlds: Worlds) -> None:
         self.worlds = worlds
-        self.ground = build_many_scenes(worlds)
-        self.packing = self.ground.packing
+        self.transition_model = build_many_scenes(worlds)
+        self.packing = self.transition_model.packing
         self.is_violable = worlds.task.constraint == "allow"
-        self.map_shape = self.ground.shape
+        self.map_shape = self.transition_model.shape
         self.num_maps = len(worlds)
 
     def begin(
@@ -220,15 +220,15 @@ class _EpisodeSampler:
             starts, goals = self._own_ends(numbers, rngs)
 
         states = states.copy()
-        states[chosen] = self.ground.code.encode(np.array(numbers), starts, goals)
+        states[chosen] = self.transition_model.code.encode(np.array(numbers), starts, goals)
 
         return states
 
     def scene_number(self, states: States, i: int) -> int:
-        return int(self.ground.code.scenes(states[[i]])[0])
+        return int(self.transition_model.code.scenes(states[[i]])[0])
 
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
-        return self.ground.scene_and_goal(states, i)
+        return self.transition_model.scene_and_goal(states, i)
 
     def _given_ends(
         self, numbers: list[int], given: dict[str, Cell], rngs: list[np.random.Generator]

@@ -203,7 +203,7 @@ class _EpisodeSampler:
 
     def __init__(self, world: World, num_envs: int) -> None:
         self.world = world
-        self.ground = build_one_scene(world, (world.goal,))
+        self.transition_model = build_one_scene(world, (world.goal,))
         self.packing = build_observer(world, world.goal).packing
         self.is_random = bool(world.rules.random_start)
         self.is_violable = world.rules.constraint == "allow"
@@ -221,7 +221,7 @@ class _EpisodeSampler:
             self._goals[i] = goal
 
         states = self._restacked(states, goal)
-        states[chosen] = cells + self.ground.first_state(goal)
+        states[chosen] = cells + self.transition_model.first_state(goal)
 
         return states
 
@@ -252,8 +252,8 @@ class _EpisodeSampler:
         return np.asarray(cells)
 
     def _restacked(self, states: States, goal: Cell) -> States:
-        """The states in a stack of the goals in use, and no others."""
-        if goal in self.ground.goals and len(self.ground.goals) == 1:
+        """The states in a model of the goals in use, and no others."""
+        if goal in self.transition_model.goals and len(self.transition_model.goals) == 1:
             return states.copy()
 
         goals = tuple(dict.fromkeys(self._goals))  # each once, in the order of the robots
@@ -261,8 +261,8 @@ class _EpisodeSampler:
 
         # A state is the number of its goal times the cells, plus its cell.
         old, cell = np.divmod(states, self.world.feasible.size)  # (n,) each
-        kept = np.array([number.get(each, 0) for each in self.ground.goals])
-        if goals != self.ground.goals:
-            self.ground = build_one_scene(self.world, goals)
+        kept = np.array([number.get(each, 0) for each in self.transition_model.goals])
+        if goals != self.transition_model.goals:
+            self.transition_model = build_one_scene(self.world, goals)
 
         return np.asarray(kept[old] * self.world.feasible.size + cell)

@@ -335,12 +335,14 @@ class Channel:
     def gain_and_shifts(self, hardware: Hardware) -> tuple[Floats, Floats]:
         """`expected_gain` and `phase_shifts`, the channel of each sub-surface computed once."""
         direct = self.direct_los  # (n,)
-        reflected = self.reflected_los(hardware.array_model)  # (n, N)
-        shifts = _phase_shifts(direct, reflected, hardware)  # (n, N)
+        reflected = [self.reflected_los(hardware.array_model)]  # one array, (n, N)
+        shifts = _phase_shifts(direct, reflected[0], hardware)  # (n, N)
         if hardware.levels is None:
             return self.expected_gain(hardware), shifts
 
-        turned = reflected * np.exp(1j * shifts)  # (n, N)
+        # Taken out of the list, a large array is multiplied in place. That rounds another way than
+        # a product in new memory does, by a last digit, and the maps of frozen scenes are kept.
+        turned = reflected.pop() * np.exp(1j * shifts)  # (n, N)
         magnitude = np.abs(direct + turned.sum(axis=1))  # (n,)
 
         return np.asarray(magnitude**2 + self.scattered_power()), shifts

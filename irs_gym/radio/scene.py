@@ -1,6 +1,4 @@
-"""`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated,
-loaded and saved.
-"""
+"""`Scene`: the factory as data (room, obstacles, antennas, task), validated, loaded and saved."""
 
 import json
 from collections.abc import Mapping
@@ -76,7 +74,7 @@ class Room(_Part):
 
     def holds(self, point: Point2 | Point3) -> bool:
         """Whether a point lies in the room, its walls included."""
-        height = point[2] if len(point) == 3 else 0.0
+        height = point[2] if len(point) == 3 else 0.0  # on the floor where none is given
         # a box flush with a wall may end a rounding error behind it
         over = (
             self.x_min - point[0],
@@ -156,8 +154,9 @@ class IrsPanel(_Part):
 
 
 class PathLossCoefficients(_Part):
-    """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), all in
-    dB.
+    """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), in dB.
+
+    The form of eqs. (18) and (19) of the paper, and of 3GPP TR 38.901, table 7.4.1-1.
     """
 
     intercept_db: Decibels
@@ -189,10 +188,12 @@ class Scene(_Part):
 
     Examples
     --------
-    >>> data = load_scene("paper").to_data() | {"name": "mine", "target_db": -60.0}
-    >>> scene = Scene.from_data(data)
-    >>> scene.name, scene.grid(cell_size=0.5).shape
-    ('mine', (40, 40))
+    >>> scene = load_scene("paper")
+    >>> len(scene.obstacles), scene.irs_panels[0].elements
+    (5, 1200)
+    >>> Scene.from_data({**scene.to_data(), "carrier_ghz": -2.0})
+    Traceback (most recent call last):
+    ValueError: scene: carrier_ghz: Input should be greater than 0 (got -2.0)
     """
 
     format_version: Literal[1] = 1
@@ -219,6 +220,7 @@ class Scene(_Part):
         return self
 
     def _misplaced_parts(self) -> list[str]:
+        """What to say of boxes, access points and panels that are not where they can be."""
         room = self.room
         mistakes = []
 
@@ -235,6 +237,7 @@ class Scene(_Part):
                 )
 
         for n, panel in enumerate(self.irs_panels):
+            # a wall is named by the coordinate that is the same all along it: "x_min"
             where = panel.position["xy".index(panel.wall[0])]
             wall = getattr(room, panel.wall)
             if not room.holds(panel.position) or abs(where - wall) > TOUCH:
@@ -269,6 +272,7 @@ class Scene(_Part):
         ]
 
     def _misplaced_ends(self) -> list[str]:
+        """What to say of a start and a goal where no robot can be, or that are one."""
         mistakes = []
         for field in ("start", "goal"):
             point = getattr(self, field)
@@ -304,7 +308,7 @@ class Scene(_Part):
     def boxes(self) -> Boxes:
         """The obstacles as arrays."""
         corners = [(box.lower, box.upper) for box in self.obstacles]
-        both = np.array(corners, dtype=np.float64).reshape(-1, 2, 3)
+        both = np.array(corners, dtype=np.float64).reshape(-1, 2, 3)  # (B, 2, 3), B may be 0
         return Boxes(both[:, 0], both[:, 1])
 
     def grid(self, cell_size: float) -> Grid:
@@ -353,6 +357,7 @@ class Scene(_Part):
 
 
 def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:
+    """The panel with as many rows of sub-surfaces as hold so many elements in all."""
     step = panel.elements_per_row
     rows, rest = divmod(elements, step)
     if rest or rows < 1:
@@ -385,8 +390,8 @@ def load_scene(source: str | Path) -> Scene:
 
     Examples
     --------
-    >>> load_scene("paper").start
-    (-10.0, 0.0)
+    >>> load_scene("paper").room.height
+    5.0
     """
     place = as_path(source, "scene")
     if source in scene_names():
@@ -426,11 +431,13 @@ def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
 
 
 def _in_one_line(error: ValidationError) -> str:
+    """What pydantic says of each mistake, with the field at fault: ``start[0]: ...; goal: ...``."""
     mistakes = []
     for mistake in error.errors(include_url=False)[:_MOST_LISTED]:
         field = "".join(
             f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]
         ).lstrip(".")
+        # what was given instead of a missing field, or to a check of all fields, is the whole part
         is_whole_part = mistake["type"] == "missing" or not field
         given = "" if is_whole_part else f" (got {_shortened(mistake['input'])})"
         said = mistake["msg"].removeprefix("Value error, ")
@@ -441,6 +448,7 @@ def _in_one_line(error: ValidationError) -> str:
 
 
 def _shortened(value: Any) -> str:
+    """A value as Python writes it, cut after 200 characters."""
     try:
         said = repr(value)
     except ValueError:  # an integer of thousands of digits

@@ -100,7 +100,7 @@ def checked_cells(grid: Grid, cells: ArrayLike, name: str) -> NDArray[np.int64]:
             f"{name} must be integers of shape (T, 2) with T >= 1, not {array.dtype} {array.shape}"
         )
 
-    outside = ((array < 0) | (array >= grid.shape)).any(axis=1)
+    outside = ((array < 0) | (array >= grid.shape)).any(axis=1)  # (T,)
     if outside.any():
         raise ValueError(
             f"{name} holds {tuple(array[outside][0].tolist())}, "

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 class Step(NamedTuple):
     """What the infos after a step, or a reset, are made of: arrays ``(n,)``."""
 
-    ground: TransitionModel
+    transition_model: TransitionModel
     states: NDArray[np.int64]
     # of the episode so far; the environment goes on adding to them
     distance: Floats  # metres
@@ -29,8 +29,9 @@ class Step(NamedTuple):
 
     def of(self, chosen: NDArray[np.int64]) -> "Step":
         """The same for some of the robots."""
+        # the transition model is the same for all; the other fields have a row a robot, or are None
         arrays = (None if each is None else each[chosen] for each in self[1:])
-        return Step(self.ground, *arrays)  # type: ignore[arg-type]
+        return Step(self.transition_model, *arrays)  # type: ignore[arg-type]
 
 
 Values = Mapping[str, Callable[[Step], NDArray[Any]]]
@@ -45,19 +46,19 @@ def _refused(step: Step) -> NDArray[np.int64]:
 
 
 def _distance_to_go(step: Step) -> Floats:
-    return step.ground.distance_to_go(step.states)
+    return step.transition_model.distance_to_go(step.states)
 
 
 def _gain_db(step: Step) -> Floats:
-    return step.ground.gain_db(step.states)
+    return step.transition_model.gain_db(step.states)
 
 
 def _margin_db(step: Step) -> Floats:
-    return step.ground.margin_db(step.states)
+    return step.transition_model.margin_db(step.states)
 
 
 def _action_mask(step: Step) -> NDArray[np.int8]:
-    return step.ground.action_mask(step.states)
+    return step.transition_model.action_mask(step.states)
 
 
 def _is_refused(step: Step) -> Bools:
@@ -100,7 +101,8 @@ VALUES: Values = {
 }
 KEYS = tuple(VALUES)
 SCENE_KEYS = ("scene_number", "scene_id")  # over many scenes
-# With these, a step of a vector takes a third longer; and names are no numbers, as wrappers ask for.
+# With these, a step of a vector takes a third longer; and names are no numbers, which is what
+# wrappers ask for.
 SLOW = ("refused", "is_refused", "distance_to_go", "gain_db", "margin_db", "scene_id")
 
 Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
@@ -145,7 +147,7 @@ class InfoBuilder:
         """Infos of the chosen environments, and zero (or None) for all others."""
         has_key = np.zeros(len(step.states), dtype=bool)
         has_key[chosen] = True
-        some = step.of(chosen)
+        some = step.of(chosen)  # computed for the chosen alone
         arrays = [spread(value(some), chosen, len(step.states)) for value in self._values]
 
         return self._labelled(arrays, has_key)

@@ -1,6 +1,4 @@
-"""`TransitionModel` and `EpisodeSampler`: what a fleet of robots moves over, and who sends its
-robots on their way.
-"""
+"""`TransitionModel` and `EpisodeSampler`: what moves do, and how episodes begin."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
@@ -12,9 +10,9 @@ from irs_gym.grid import Cell
 from irs_gym.mdp.packing import Packing, Parts
 from irs_gym.mdp.task import World
 
-States = NDArray[
-    np.int64
-]  # (n,), where robots are and where they want to go, as a number whose meaning is the ground's
+# (n,): where robots are and where they want to go, each as one number. What the number means is the
+# transition model's own affair.
+States = NDArray[np.int64]
 RngOf = Callable[[int], np.random.Generator]  # the randomness of environment i
 
 
@@ -29,7 +27,7 @@ class Outcome(NamedTuple):
     is_at_goal: NDArray[np.bool_]
 
     def clear(self, chosen: NDArray[np.int64], states: States) -> None:
-        """Nothing but to be in the given states for the chosen robots: they have just begun."""
+        """Undo the move of the chosen robots, which have just begun in the given states."""
         self.states[chosen] = states
 
         for array in self[1:]:
@@ -72,8 +70,8 @@ class EpisodeSampler(Protocol):
     num_maps: int
 
     @property
-    def ground(self) -> TransitionModel:
-        """What the robots move over now."""
+    def transition_model(self) -> TransitionModel:
+        """The rules and the maps for the states in use; `begin` may take another one."""
 
     @property
     def info_values(self) -> Mapping[str, Callable[[Any], NDArray[Any]]]:

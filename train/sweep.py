@@ -19,7 +19,7 @@ from rich.live import Live
 from rich.table import Table
 from tyro.conf import Positional
 
-from agents.registry import GENERALISTS
+from agents.registry import generalists
 from agents.rollout.episode import TOLERANCE
 from agents.runs.interruption import Interruption, noticed
 from agents.runs.provenance import ROOT
@@ -164,7 +164,7 @@ class Sweep:
             self.states[self.plan.folder(setting, algorithm, n)] for n in range(self.plan.seeds)
         )
         said = [f"{counts['exact'] + counts['ended']}/{self.plan.seeds}"]
-        said += [] if algorithm in GENERALISTS else [f"{counts['exact']} exact"]
+        said += [] if algorithm in generalists() else [f"{counts['exact']} exact"]
         return ", ".join(
             said
             + [

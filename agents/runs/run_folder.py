@@ -32,7 +32,7 @@ from typing import Any, TypeVar
 from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
-from agents.registry import GENERALISTS
+from agents.registry import generalists
 from agents.runs import provenance, signature, weights
 from agents.runs.manifest import Config, FileEntry, GeneralistEntry, Manifest, ModelEntry, Record
 from irs_gym.files import read_file, write_file
@@ -178,7 +178,7 @@ class Run:
     @property
     def is_generalist(self) -> bool:
         """Whether many scenes were trained on, and not one task."""
-        return self.config.algorithm in GENERALISTS
+        return self.config.algorithm in generalists()
 
     @property
     def task(self) -> Task:

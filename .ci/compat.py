@@ -17,7 +17,8 @@ LATEST = "gymnasium"
 OLDEST = "gymnasium==1.1.*"  # with vector environments
 OLDEST_SINGLE = ("gymnasium==0.29.*", "gymnasium==1.0.*")  # single environments alone
 NEEDED = ("pytest", "pytest-xdist", "hypothesis", "networkx", "scikit-image", "shapely")
-# Tests that import these need torch, whose wheels come later than a new Python, or read the checkout.
+# Tests that import these read the whole checkout, or need torch, whose wheels come later than a new
+# Python.
 ABOVE_CORE = re.compile(
     r"^(?:from|import) (?:agents|eval|grimp|train|stable_baselines3|sb3_contrib|torch)\b",
     re.MULTILINE,
@@ -29,7 +30,7 @@ VECTOR = re.compile(
 
 
 def find(version: str) -> str | None:
-    """A Python of that version: the one that runs this, one on the path, or one that pyenv keeps."""
+    """A Python of that version: the one that runs this, one on the path, or one of pyenv's."""
     if version == f"{sys.version_info.major}.{sys.version_info.minor}":
         return sys.executable
     kept = sorted(
@@ -59,7 +60,8 @@ def check(python: str, gymnasium: str, folder: Path) -> bool:
     subprocess.run([python, "-m", "venv", str(folder)], check=True)
     pip = [own, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     subprocess.run([*pip, str(ROOT), gymnasium, *NEEDED], check=True)
-    say = "import gymnasium, numpy, sys; print(sys.version.split()[0], gymnasium.__version__, numpy.__version__)"
+    versions = "sys.version.split()[0], gymnasium.__version__, numpy.__version__"
+    say = f"import gymnasium, numpy, sys; print({versions})"
     print(
         "Python, Gymnasium, NumPy:",
         subprocess.check_output([own, "-c", say], text=True).strip(),

@@ -1,6 +1,6 @@
 """PPO of Stable-Baselines3, then one episode of its greedy policy.
 
-python examples/sb3_ppo.py 300000    # steps; a few minutes, and the optimum or nearly so
+python examples/sb3_ppo.py 300000    # steps: a minute or two of one core, and the optimum
 """
 
 import sys

@@ -110,7 +110,8 @@ class Scenes:
             size = split_of(getattr(self, split)).size
             if getattr(self, number) > size:
                 raise ValueError(
-                    f"{number}={getattr(self, number)}: there are {size} in {getattr(self, split)!r}"
+                    f"{number}={getattr(self, number)}: "
+                    f"there are {size} in {getattr(self, split)!r}"
                 )
 
 
@@ -172,7 +173,9 @@ def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
 
     try:
         agent = TypeAdapter(type(default.agent)).validate_python(record.agent)
-        env = TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task
+        env: Any = (
+            TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task
+        )
         return type(default)(
             agent=agent, env=env, seed=record.seed, resume=run.folder, **record.training
         )

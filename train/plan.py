@@ -1,4 +1,4 @@
-"""`MapPlan`: the runs of a sweep, algorithms x settings x seeds, read from a small TOML file."""
+"""`Plan`: the runs of a sweep, algorithms x settings x seeds, read from a small TOML file."""
 
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -74,7 +74,8 @@ class Plan(_Table):
         runs = plan.seeds * sum(1 for _ in plan.cells())
         if runs > MOST_RUNS:
             raise PlanError(
-                f"{file}: seeds={plan.seeds} make {runs:,} runs, and a sweep has at most {MOST_RUNS:,}"
+                f"{file}: seeds={plan.seeds} make {runs:,} runs, "
+                f"and a sweep has at most {MOST_RUNS:,}"
             )
 
         return plan
@@ -131,7 +132,8 @@ class Plan(_Table):
             run = Run.open(config.out)
             if not _is_same(run.config, record_of(config)):
                 raise PlanError(
-                    f"{str(config.out)!r} holds a run with other settings: name another folder as out"
+                    f"{str(config.out)!r} holds a run with other settings: "
+                    "name another folder as out"
                 )
 
             if not trust and run.manifest.status not in ENDED:
@@ -143,7 +145,7 @@ class Plan(_Table):
         default = defaults_of(algorithm)
 
         try:
-            env = _env_of(default.env, setting.env)
+            env: Any = _env_of(default.env, setting.env)
         except (TypeError, ValueError) as error:
             raise PlanError(f"{where}.env: {error}") from None
 

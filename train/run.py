@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 from stable_baselines3.common.callbacks import CallbackList
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 
 from agents.learning.map_learner import MapLearner, first_network
 from agents.registry import ALGORITHMS, observation_of
@@ -105,7 +105,7 @@ def _note(run: Run, **changes: Any) -> None:
 def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     torch.set_num_threads(config.threads)
     evaluation = _evaluation(run, config)
-    model = resume.restore(run, evaluation, trust=config.trust) if config.resume else None
+    model: Any = resume.restore(run, evaluation, trust=config.trust) if config.resume else None
     is_new = model is None
     if is_new:
         build = MapLearner if _is_taught(config) else build_model
@@ -113,7 +113,7 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     elif _is_taught(config):
         model.pool = _material(config)
 
-    outputs = (
+    outputs: list[KVWriter] = (
         [TensorBoardOutputFormat(str(run.folder / "tensorboard"))] if config.tensorboard else []
     )
     model.set_logger(Logger(folder=None, output_formats=outputs))
@@ -184,7 +184,8 @@ def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:
     )
     if config != own:
         raise ValueError(
-            "--resume goes on with the run's own settings: give none beside it but --no-progress, --trust"
+            "--resume goes on with the run's own settings: "
+            "give none beside it but --no-progress, --trust"
         )
 
     settings_of(run)

@@ -177,8 +177,8 @@ class Sweep:
     def _caption(self) -> str:
         counts = Counter(self.states.values())
         passed = time.monotonic() - self.began
-        said = f"{counts['exact'] + counts['ended']} of {len(self.states)} runs, {counts['failed']} failed, "
-        said += f"{timedelta(seconds=round(passed))}"
+        said = f"{counts['exact'] + counts['ended']} of {len(self.states)} runs, "
+        said += f"{counts['failed']} failed, {timedelta(seconds=round(passed))}"
         if not self.trained or not self.running:
             return said
 
@@ -291,7 +291,7 @@ def _start_ray(jobs: int | None) -> int:
             **quiet,
         )
 
-    return jobs or int(ray.cluster_resources()["CPU"])
+    return jobs or int(ray.cluster_resources()["CPU"])  # type: ignore[no-untyped-call]
 
 
 def _state(folder: Path) -> str:

@@ -213,7 +213,9 @@ class PlannerPpoConfig(WholeMapPpoConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class UNetPpoConfig(WholeMapPpoConfig):
-    """Settings of the U-Net that learns by PPO; give it ``weights`` from imitation to begin with."""
+    """Settings of the U-Net that learns by PPO; give it ``weights`` from imitation to begin
+    with.
+    """
 
     algorithm: ClassVar[str] = "unet_ppo"
     network_settings: ClassVar[tuple[str, ...]] = ("width", "passes")

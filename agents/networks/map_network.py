@@ -17,17 +17,14 @@ from torch import Tensor, nn
 from agents.registry import network_class
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.files import read_arrays
-from irs_gym.mdp.observation import MARGIN_SCALE_DB
+from irs_gym.mdp.packing import GOAL, MARGIN, OBSTACLE, scaled_margin
 from irs_gym.memory import check_memory
 
-STILL = [
-    0,
-    1,
-    3,
-]  # channels of the environment's map observation that stay the same while the robot moves
-_MOST = 10_000  # layers, channels or rounds
-_TRAINED = 4  # times the weights that learning takes: gradients and two moments of Adam beside them
+STILL = [MARGIN, OBSTACLE, GOAL]
+"""Channels of the environment's map observation that stay the same while the robot moves."""
+
 FILE_BYTES = 2**28  # of a network's file and of its weights
+_TRAINED = 4  # times the weights that learning takes: gradients and two moments of Adam beside them
 _LARGEST_SETTING = 4096  # channels, rounds, passes
 
 
@@ -48,10 +45,12 @@ def maps_of(pool: SceneSet, scenes: NDArray[np.int64]) -> Tensor:
     The channels are those of the environment's map observation without the robot: margin over the
     target, obstacle, goal.
     """
-    maps = np.zeros((len(scenes), 3, *pool.shape), dtype=np.float32)
-    margin_db = pool.gain_db[scenes] - pool.target_db[scenes, None, None]
-    maps[:, 0] = np.clip(margin_db / MARGIN_SCALE_DB, -1.0, 1.0)
-    maps[:, 1] = np.isneginf(margin_db)
+    gain_db = pool.gain_db[scenes]  # (B, X, Y)
+    maps = np.zeros((len(scenes), len(STILL), *pool.shape), dtype=np.float32)
+
+    # In the order of `STILL`: with no robot among them, the goal's channel is the third.
+    maps[:, 0] = scaled_margin(gain_db, pool.target_db[scenes, None, None])
+    maps[:, 1] = np.isneginf(gain_db)
     maps[np.arange(len(scenes)), 2, pool.goal[scenes, 0], pool.goal[scenes, 1]] = 1.0
 
     return torch.from_numpy(maps)
@@ -112,6 +111,8 @@ def unpack_network(content: bytes) -> tuple[str, dict[str, Any], nn.Module]:
         weights = {
             key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()
         }
+
+        # Before the network is made, as its settings may ask for any memory.
         _check_fit(_outline(header["network"], header["settings"]), weights)
         network = build_network(header["network"], header["settings"])
         network.load_state_dict(weights)
@@ -135,7 +136,8 @@ def _check_sizes(settings: Any) -> None:
         )
         if not is_size and not isinstance(value, str):
             raise ValueError(
-                f"settings.{name}={value!r} must be a name or an integer from 1 to {_LARGEST_SETTING}"
+                f"settings.{name}={value!r} must be a name or an integer from 1 to "
+                f"{_LARGEST_SETTING}"
             )
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from agents.networks.map_network import pack_network
-from agents.policies.belief_map import BeliefMap, parts_of
-from agents.policies.observation_decoding import decode
+from agents.policies.belief_map import BeliefMap
+from irs_gym.mdp.packing import SETTINGS, DecodedObservation, Packing
 
 Ints = NDArray[np.int64]
 _BATCH = 64  # maps in work at a time
@@ -60,16 +60,20 @@ class Explorer:
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
         """
-        robots, goals = decode(observation, self.shape)
-        patches, settings = parts_of(observation)
-        at = robots.ravel()
-        to = goals.ravel()
+        seen_now = decode_local(observation, self.shape)
+        patches = seen_now.margin.reshape(-1, *seen_now.margin.shape[-2:])  # (n, 2r+1, 2r+1)
+        settings = seen_now.irs.reshape(-1, SETTINGS)  # (n, 3)
+        at = seen_now.cell.ravel()  # (n,)
+        to = seen_now.goal.ravel()  # (n,)
+
+        # What each robot remembers, and nothing in a new episode.
         old = self._blank(len(at), patches.shape[-1] // 2) if state is None else state
         if episode_start is not None and np.any(episode_start):
             old = ExplorerState(
                 old.seen.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves
             )
 
+        # A plan holds until something new comes into view.
         seen = old.seen.look(np.stack(np.divmod(at, self.shape[1]), axis=-1), patches)
         is_new = np.isnan(old.seen.maps).sum(axis=(1, 2)) != np.isnan(seen.maps).sum(axis=(1, 2))
         changed = np.flatnonzero(is_new | (to != old.goals))
@@ -78,9 +82,9 @@ class Explorer:
         for part in np.array_split(changed, -(-len(changed) // _BATCH)) if len(changed) else ():
             moves[part] = self._plan(seen.maps[part], to[part], settings[part])
 
-        return moves[np.arange(len(at)), at].astype(np.int64).reshape(robots.shape), ExplorerState(
-            seen, to, moves
-        )
+        actions = moves[np.arange(len(at)), at].astype(np.int64)
+
+        return actions.reshape(seen_now.cell.shape), ExplorerState(seen, to, moves)
 
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""
@@ -103,13 +107,36 @@ class Explorer:
                 goals,
                 np.ascontiguousarray(settings, dtype=np.float32),
             )
-            logits = self.network(*map(torch.from_numpy, given)).plan.logits
-            return likeliest(logits).flatten(1).numpy()
+            logits = self.network(*map(torch.from_numpy, given)).plan.logits  # (n, 8, X, Y)
+            moves: NDArray[np.uint8] = likeliest(logits).flatten(1).numpy()
+
+        return moves
+
+
+def decode_local(observation: Any, shape: tuple[int, int]) -> DecodedObservation:
+    """The parts of one local observation or a batch, in a frame of that shape.
+
+    Raises
+    ------
+    ValueError
+        Where the observation is no local one: a cell, a map, or flat with the phase shifts of
+        `IrsNav-v0` between its parts.
+    """
+    packing = Packing.of(observation, shape)
+    if packing.observation != "cell" and packing.side == 0:
+        numbers = packing.width if packing.observation == "map" else packing.flat_width
+        raise ValueError(
+            f"observation has {numbers} numbers: a patch of (2r+1)**2, 3 settings of the IRS and "
+            "4 of the position are needed, as IrsNavRandom-v0 has them with observation='flat', "
+            "and IrsNav-v0 with irs_phases=False"
+        )
+
+    return packing.decode(observation)
 
 
 def likeliest(logits: Tensor) -> Tensor:
-    """The move with the greatest logit, of equals the first: uint8 ``(B, X, Y)`` for logits ``(B,
-    8, X, Y)``.
+    """The move with the greatest logit, of equals the first: uint8 ``(B, X, Y)`` for logits
+    ``(B, 8, X, Y)``.
 
     As `torch.argmax`, which takes a quarter of the time of a plan, with strides as long as a map.
     """

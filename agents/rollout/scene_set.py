@@ -14,6 +14,7 @@ from agents.policies.policy import Policy
 from irs_gym.datasets.random_task import RandomTask, build_worlds
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import MOVES
+from irs_gym.mdp.metrics import distance_ratio, spl
 from irs_gym.mdp.task import Observation
 from irs_gym.vector.many_scenes import build_many_scenes
 
@@ -39,16 +40,17 @@ class SceneSetResults:
         """Success weighted by path length: 0 for a failure, else oracle distance over distance, 1
         at most.
         """
-        # sums of floats: an optimal path may come out a rounding shorter than the oracle's
-        longer = np.maximum(self.distance, self.oracle_distance)
-        return np.where(self.is_success, self.oracle_distance / longer, 0.0)
+        return spl(self.is_success, self.oracle_distance, self.distance)
+
+    @property
+    def ratios(self) -> NDArray[np.float64]:
+        """Distance over oracle distance of each success, NaN for a failure."""
+        return distance_ratio(self.is_success, self.oracle_distance, self.distance)
 
     @property
     def ratio(self) -> float | None:
-        """Mean over the successes of distance over oracle distance; None without any."""
-        if not self.is_success.any():
-            return None
-        return float((self.distance / self.oracle_distance)[self.is_success].mean())
+        """Mean of `ratios` over the successes; None without any."""
+        return float(self.ratios[self.is_success].mean()) if self.is_success.any() else None
 
 
 def play_scene_set(

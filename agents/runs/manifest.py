@@ -46,7 +46,8 @@ class _Arrays(FileEntry):
     def _holds_arrays(cls, file: str) -> str:
         if not file.endswith(".npz"):
             raise ValueError(
-                f"{file} is a model of an older version, and to read it could run its code: train anew"
+                f"{file} is a model of an older version, "
+                "and to read it could run its code: train anew"
             )
         return file
 

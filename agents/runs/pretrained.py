@@ -126,7 +126,7 @@ class Models(Record):
         raise PretrainedError(f"no pretrained {algorithm!r} for many scenes; there are {known}")
 
     def find(self, algorithm: str, task: Task) -> PretrainedEntry:
-        """The model of an algorithm for a task's problem; the `PretrainedError` for none lists all."""
+        """The model of an algorithm for a task's problem; `PretrainedError` for none lists all."""
         wanted = problem_of(task)
 
         for entry in self.models:

@@ -26,7 +26,7 @@ from agents.single.model import first_layer, policy_kwargs, policy_name
 from irs_gym.datasets.splits import split_of
 from irs_gym.files import read_arrays
 from irs_gym.grid import MOVES
-from irs_gym.mdp.observation import Packing
+from irs_gym.mdp.packing import Packing
 from irs_gym.mdp.task import Task, build_world
 
 _IDLE = (

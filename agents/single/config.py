@@ -34,7 +34,7 @@ class Sb3Config(Protocol):
 
 
 def check_settings(settings: Any, kind: Kind, *names: str) -> None:
-    """Raise a ``ValueError`` that names the first of these fields whose value is not of the kind."""
+    """Raise a ``ValueError`` that names the first of these fields that is not of the kind."""
     is_right, wanted = _KINDS[kind]
 
     for name in names:

@@ -12,8 +12,8 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies.observation_decoding import decode, is_cell
 from agents.single.config import check_schedule, check_settings
+from irs_gym.mdp.packing import Packing
 
 if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback
@@ -174,7 +174,7 @@ class QLearning:
         np.savez_compressed(file, table=self.table)
 
     def _step(self, env: VecEnv, cells: NDArray[np.int64]) -> None:
-        """Move each robot once, and set the value of its move to the return that it has now seen."""
+        """Move each robot once, and set the value of its move to the return that follows it."""
         actions = self._act(cells, self.exploration_rate)
         observation, reward, done, infos = env.step(actions)
         self.num_timesteps += env.num_envs
@@ -200,6 +200,4 @@ class QLearning:
 
     def _decode(self, observation: Any) -> NDArray[np.int64]:
         """Flat cells of the robots."""
-        return (
-            np.asarray(observation) if is_cell(observation) else decode(observation, self.shape)[0]
-        )
+        return Packing.of(observation, self.shape).own_cells(observation)

@@ -235,7 +235,7 @@ def _results(
     """Success, SPL and the ratio over successes, over seeds, on all scenes and on the hard ones."""
     success = entrant.table(name, lambda each: each.is_success)
     spl = entrant.table(name, lambda each: each.spl)
-    ratio = entrant.table(name, lambda each: each.distance / each.oracle_distance)
+    ratio = entrant.table(name, lambda each: each.ratios)
     found: dict[str, Any] = {}
 
     for label, chosen in (("all", np.ones(len(pool), dtype=bool)), ("hard", detours(pool) > HARD)):
@@ -272,7 +272,7 @@ def _paper(entrant: PolicyResult, pool: SceneSet) -> list[dict[str, Any]]:
         each: list[SceneSetResults] = [
             some for some in entrant.episodes["paper"] if some.is_success[n]
         ]
-        ratios = [float(some.distance[n] / some.oracle_distance[n]) for some in each]
+        ratios = [float(some.ratios[n]) for some in each]
         return {
             "target_db": float(pool.target_db[n]),
             "successes": len(each),

@@ -138,7 +138,7 @@ def score_of(episodes: SceneSetResults, chosen: NDArray[np.bool_] | None = None)
         return UnseenScore(0, None, None, None, None)
 
     success = episodes.is_success[chosen]
-    ratio = (episodes.distance / episodes.oracle_distance)[chosen]
+    ratio = episodes.ratios[chosen]
 
     return UnseenScore(
         scenes=int(chosen.sum()),

@@ -1,13 +1,11 @@
-"""`RandomTask`: the arguments of an environment over many scenes, checked, and `Worlds`: all that
-they fix.
-"""
+"""`RandomTask`: what is asked of an environment over many scenes, `Worlds`: all that it fixes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from operator import index
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -30,10 +28,15 @@ from irs_gym.radio.scene import Scene, load_scenes
 
 @dataclass(frozen=True, kw_only=True)
 class RandomTask:
-    """What `IrsNavRandom-v0` is made of; each field is an argument of `gymnasium.make`. All have
+    """What is asked of `IrsNavRandom-v0`; each field is an argument of `gymnasium.make`. All have
     defaults.
 
     Raises ``ValueError`` where a value is out of its range; the message names the field.
+
+    Examples
+    --------
+    >>> RandomTask(num_scenes=3).rules.constraint
+    'refuse'
     """
 
     split: str = "train"
@@ -84,7 +87,7 @@ class RandomTask:
             )
 
         if not isinstance(self.scenes, str | Path | SceneSet):
-            object.__setattr__(self, "scenes", _scenes(self.scenes))
+            object.__setattr__(self, "scenes", _read_scenes(self.scenes))
 
     @cached_property
     def rules(self) -> Rules:
@@ -96,6 +99,20 @@ class RandomTask:
         return self  # frozen, and so are its scenes
 
 
+class RandomTaskArguments(TypedDict, total=False):
+    """The fields of `RandomTask` as keyword arguments, for type checkers and editors."""
+
+    split: str
+    num_scenes: int
+    scenes: str | Path | Sequence[Scene | Mapping[str, Any]] | SceneSet | None
+    observation: Observation
+    patch_radius: int
+    constraint: Constraint
+    random_start: float
+    shaping: bool
+    goal_bonus: float
+
+
 def random_task_of(arguments: Mapping[str, Any], owner: str = "RandomTask") -> RandomTask:
     """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an
     unknown one.
@@ -103,7 +120,7 @@ def random_task_of(arguments: Mapping[str, Any], owner: str = "RandomTask") -> R
     return RandomTask(**checked_fields(RandomTask, arguments, owner))
 
 
-def _scenes(scenes: Any) -> tuple[Scene, ...]:
+def _read_scenes(scenes: Any) -> tuple[Scene, ...]:
     if not isinstance(scenes, Sequence) or not all(
         isinstance(each, Scene | Mapping) for each in scenes
     ):
@@ -128,7 +145,7 @@ class Worlds:
         return _world(self, number)
 
     def number_of(self, scene_id: Any) -> int:
-        """Number of a scene from its name or number; a ``ValueError`` tells what names there are."""
+        """Number of a scene from its name or number; a ``ValueError`` tells what there is."""
         names = self.pool.names
         if isinstance(scene_id, str):
             if names.count(scene_id) == 1:
@@ -187,9 +204,10 @@ def _build_worlds(task: RandomTask) -> Worlds:
     elif task.scenes is None:
         pool = build_scene_set(task.split, task.num_scenes)
     else:
-        pool = scene_set_of(task.scenes)  # type: ignore[arg-type]  # a folder has been read
+        pool = scene_set_of(_read_scenes(task.scenes))
 
-    offsets = pool.start - pool.goal
+    # Where giving up pays in none of the scenes, it does not in the one of the longest detour.
+    offsets = pool.start - pool.goal  # (S, 2) cells
     detour = pool.oracle_distance + potential(task.rules, offsets, pool.cell_size)  # (S,)
     worst = int(np.argmax(detour))
 

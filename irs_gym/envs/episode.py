@@ -1,4 +1,4 @@
-"""`EpisodeResult`: one robot on its way over one world, step by step."""
+"""`Episode`: one robot on its way over one world, step by step."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,10 +1,8 @@
-"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a thin shell over their
-episodes.
-"""
+"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a shell over their episodes."""
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium import spaces
@@ -12,14 +10,20 @@ from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.datasets.random_task import (
+    RandomTask,
+    RandomTaskArguments,
+    Worlds,
+    build_worlds,
+    random_task_of,
+)
 from irs_gym.envs.random_nav import IrsNavRandomEnv
 from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
 from irs_gym.mdp.checks import (
     METADATA,
     PlainSpec,
-    check_fleet,
+    check_num_envs,
     checked_count,
     checked_options,
     checked_render_mode,
@@ -33,7 +37,7 @@ from irs_gym.mdp.dynamics import (
     start_cells,
     tables_for,
 )
-from irs_gym.mdp.task import World
+from irs_gym.mdp.task import World, shows_fields
 from irs_gym.rendering.frame_collection import FrameCollection
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.rendering.window import Window
@@ -51,8 +55,8 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
     ----------
     num_envs, max_episode_steps, autoreset_mode, copy, render_mode, infos
         As in `irs_gym.envs.vector_nav.IrsNavVectorEnv`.
-    **arguments
-        The fields of `irs_gym.datasets.random_task.RandomTask`.
+    split, num_scenes, ...
+        As `irs_gym.datasets.random_task.RandomTask` says.
 
     Notes
     -----
@@ -64,6 +68,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
     spec = PlainSpec()
 
+    @shows_fields(RandomTask)
     def __init__(
         self,
         num_envs: int = 1,
@@ -72,7 +77,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         copy: bool = True,
         render_mode: str | None = None,
         infos: Infos = "fast",
-        **arguments: Any,
+        **arguments: Unpack[RandomTaskArguments],
     ) -> None:
         self.num_envs = checked_count("num_envs", num_envs)
         self.max_episode_steps = checked_count("max_episode_steps", max_episode_steps)
@@ -82,7 +87,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self.copy = copy
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         sampler = _EpisodeSampler(self.worlds)
-        check_fleet(self.num_envs, self.max_episode_steps, sampler.packing)
+        check_num_envs(self.num_envs, self.max_episode_steps, sampler.packing)
         self._episodes = VectorEpisodes(
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )
@@ -159,7 +164,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
 
 def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
-    """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any render mode of Gymnasium."""
+    """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any mode of Gymnasium."""
     return with_render_mode(
         partial(IrsNavRandomVectorEnv, **arguments), render_mode, Window, FrameCollection
     )

@@ -3,12 +3,13 @@ that it fixes once and for all.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from hashlib import blake2b
+from inspect import Parameter, signature
 from numbers import Real
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypedDict, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ from irs_gym.radio.scene import TARGET_DB, Scene
 _CELL_BYTES = 1000  # for each cell: map, rules, graph and tables of an environment, at the most
 _LARGEST = 1e9  # of decibels and rewards
 _SHIFT_BYTES = 12  # for each of its phase shifts
+
+_Init = TypeVar("_Init", bound=Callable[..., None])
 
 Constraint = Literal["refuse", "terminate", "allow"]
 Observation = Literal["dict", "flat", "map", "masked", "cell"]
@@ -169,6 +172,28 @@ class Task:
             )
 
 
+class TaskArguments(TypedDict, total=False):
+    """The fields of `Task` as keyword arguments, for type checkers and editors."""
+
+    scene: str | Path | Scene | dict[str, Any]
+    target_db: float | None
+    cell_size: float
+    irs_elements: int | None
+    phase_bits: int | None
+    quantiser: Quantiser
+    array_model: ArrayModel
+    patch_radius: int
+    observation: Observation
+    irs_phases: bool
+    constraint: Constraint
+    random_start: float
+    shaping: bool
+    goal_bonus: float
+    radio_map: str | Path | RadioMap | dict[str, Any] | None
+    start: Cell | None
+    goal: Cell | None
+
+
 def task_of(arguments: Mapping[str, Any], owner: str = "Task") -> Task:
     """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an
     unknown one.
@@ -191,6 +216,40 @@ def checked_fields(kind: type[Any], arguments: Mapping[str, Any], owner: str) ->
         raise TypeError(f"{refused}: the arguments are {', '.join(known)} and render_mode")
 
     return arguments
+
+
+def shows_fields(kind: type[Any]) -> Callable[[_Init], _Init]:
+    """Decorator of an ``__init__(..., **arguments)`` that takes the fields of a dataclass.
+
+    `inspect.signature` and `help` then show each field with its type and default, which are written
+    in the dataclass alone.
+
+    Examples
+    --------
+    >>> class Robot:
+    ...     @shows_fields(Rules)
+    ...     def __init__(self, name: str, **arguments: Any) -> None: ...
+    >>> list(signature(Robot).parameters)[:3]
+    ['name', 'patch_radius', 'observation']
+    """
+
+    def shown(init: _Init) -> _Init:
+        own = signature(init)
+        kept = [each for each in own.parameters.values() if each.kind != Parameter.VAR_KEYWORD]
+        taken = [
+            Parameter(
+                each.name,
+                Parameter.KEYWORD_ONLY,
+                default=Parameter.empty if each.default is MISSING else each.default,
+                annotation=each.type,
+            )
+            for each in fields(kind)
+        ]
+        init.__signature__ = own.replace(parameters=[*kept, *taken])  # type: ignore[attr-defined]
+
+        return init
+
+    return shown
 
 
 @dataclass(frozen=True)

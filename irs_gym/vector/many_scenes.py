@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from irs_gym.datasets.random_task import Worlds
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell
 from irs_gym.mdp.dynamics import ACTIONS, ends, permissions, potential, reward, tabulate
-from irs_gym.mdp.observation import (
+from irs_gym.mdp.packing import (
+    GOAL,
+    MARGIN,
+    OBSTACLE,
+    ROBOT,
     Packing,
     Parts,
     Rows,
@@ -119,46 +123,41 @@ class ManyScenes:
 
     def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
         out = self.packing.empty(len(states)) if out is None else out
-        first = out[0]
         if self.packing.observation == "map":
-            self._observe_maps(states, first)
+            self._observe_maps(states, self.packing.unpack(out))
             return out
 
         if self.packing.observation == "cell":
-            first[:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
+            out[0][:, 0] = self._cells(states) @ np.array([self.packing.shape[1], 1])
             return out
 
         places = states & _PLACE
-        patch_end = self.packing.patch_end
-        irs_end = self.packing.irs_end
         scenes = places // self._size
-        patch, irs, position = (
-            out
-            if self.packing.observation == "dict"
-            else (first[:, :patch_end], first[:, patch_end:irs_end], first[:, irs_end:])
-        )
-        patch[:] = self.windows[places[:, None] + self._rows].view(np.float32)
-        irs[:] = self.worlds.pool.irs.take(scenes, axis=0)
-        position[:, :2] = self._own.take(places - scenes * self._size, axis=0)
-        position[:, 2:] = self._to_goal.take(states >> _OFFSET, axis=0)
-        if self.packing.observation == "masked":
-            out[1][:] = self.action_mask(states)
+        windows = self.windows[places[:, None] + self._rows]  # (n, 2r+1), a row of a patch each
+        is_masked = self.packing.observation == "masked"
 
-        return out
-
-    def _observe_maps(self, states: States, out: Rows) -> None:
-        scenes, each, (columns, rows) = (
-            self.scenes(states),
-            np.arange(len(states)),
-            self.packing.shape,
+        return self.packing.encode(
+            out,
+            patch=windows.view(np.float32),  # (n, (2r+1)**2)
+            irs=self.worlds.pool.irs.take(scenes, axis=0),
+            own=self._own.take(places - scenes * self._size, axis=0),
+            to_goal=self._to_goal.take(states >> _OFFSET, axis=0),
+            action_mask=self.action_mask(states) if is_masked else None,
         )
-        images = out.reshape(len(states), 4, columns, rows)
+
+    def _observe_maps(self, states: States, images: Rows) -> None:
+        """Write into images ``(n, 4, X, Y)``."""
+        each = np.arange(len(states))
+        scenes = self.scenes(states)
+        columns, rows = self.packing.shape
+
         before = len(self.margin) - len(self.legal)
         margin = self.margin[before // 2 : before // 2 + len(self.legal)].reshape(-1, *self.shape)
-        images[:, 0], images[:, 1] = margin[scenes, :columns, :rows], ~self.worlds.pool.free[scenes]
-        images[:, 2:] = 0.0
+        images[:, MARGIN] = margin[scenes, :columns, :rows]
+        images[:, OBSTACLE] = ~self.worlds.pool.free[scenes]
 
-        for channel, cells in ((2, self._cells(states)), (3, self.goals(states))):
+        for channel, cells in ((ROBOT, self._cells(states)), (GOAL, self.goals(states))):
+            images[:, channel] = 0.0
             images[each, channel, cells[:, 0], cells[:, 1]] = 1.0
 
     def cells(self, states: States) -> Ints:  # noqa: D102

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.dynamics import ACTIONS, tabulate
-from irs_gym.mdp.observation import Parts, build_observer
+from irs_gym.mdp.observation import build_observer
+from irs_gym.mdp.packing import Parts
 from irs_gym.mdp.task import World
 from irs_gym.memory import freeze
 from irs_gym.vector.protocols import Outcome, States

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.observation import Packing, Parts
+from irs_gym.mdp.packing import Packing, Parts
 from irs_gym.mdp.task import World
 
 States = NDArray[

@@ -21,8 +21,8 @@ from agents.learning.robot_batch import RobotBatch
 from agents.learning.sb3_configs import LocalPpoConfig
 from agents.networks.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
 from agents.networks.local_extractor import FRAME, LocalExtractor
-from agents.policies.belief_map import BeliefMap, parts_of, patches_of
-from agents.policies.explorer_policy import Explorer, likeliest
+from agents.policies.belief_map import BeliefMap, patches_of
+from agents.policies.explorer_policy import Explorer, decode_local, likeliest
 from agents.policies.map_policy import MapPolicy
 from agents.policies.model_file import read_network
 from agents.policies.replanning import Replanner
@@ -77,14 +77,15 @@ def test_patches_of_a_pool_are_those_of_the_environment(observation):
     env = env_of(POOL, observation=observation, patch_radius=2)
     for n in range(len(POOL)):
         seen, _ = env.reset(options={"scene_id": n})
-        patches, settings = parts_of(seen)
-        np.testing.assert_array_equal(patches, patches_of(POOL, np.array([n]), POOL.start[[n]], 2))
-        np.testing.assert_array_equal(settings[0], POOL.irs[n])
+        parts = decode_local(seen, POOL.shape)
+        patch = patches_of(POOL, np.array([n]), POOL.start[[n]], 2)[0]
+        np.testing.assert_array_equal(parts.margin, patch)
+        np.testing.assert_array_equal(parts.irs, POOL.irs[n])
 
 
 def test_observation_with_other_parts_is_refused_with_what_would_be_right():
     with pytest.raises(ValueError, match=r"observation has 130 numbers.*irs_phases=False"):
-        parts_of(np.zeros(130, dtype=np.float32))
+        decode_local(np.zeros(130, dtype=np.float32), POOL.shape)
 
 
 def test_detours_of_moves_are_differences_of_dijkstras_distances():
@@ -123,7 +124,7 @@ def test_optimistic_explorer_walks_as_far_as_optimistic_replanning_does_where_no
         is_open, state = np.ones(POOL.shape, dtype=bool), None
         goal, cell, is_over = tuple(POOL.goal[n].tolist()), POOL.start[n], False
         while not is_over:
-            patch = parts_of(observation)[0][0]
+            patch = decode_local(observation, POOL.shape).margin
             for (a, b), margin in np.ndenumerate(patch):
                 i, j = cell[0] + a - 2, cell[1] + b - 2
                 if 0 <= i < POOL.shape[0] and 0 <= j < POOL.shape[1]:

@@ -15,7 +15,7 @@ from tiny_pool import tiny_pool
 
 from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.rollout.episode import roll_out
-from irs_gym.mdp.observation import Packing
+from irs_gym.mdp.packing import Packing
 
 POOL = tiny_pool(12, (9, 7))
 # close ends, or small maps, and a short limit: many episodes of every kind in few steps

@@ -1,6 +1,5 @@
 """`RobotBatch`: robots on their ways through scenes of a pool, with what each of them has seen."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from agents.learning.local_configs import RobotBatchConfig
 from agents.policies.belief_map import BeliefMap, patches_of
 from agents.rollout.rules import RULES
 from irs_gym.datasets.scene_set import SceneSet
@@ -16,28 +16,6 @@ from irs_gym.mdp.dynamics import next_cells, permissions, start_cells
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobotBatchConfig:
-    """How n robots are sent out.
-
-    Attributes
-    ----------
-    robots
-        n, each in a scene of its own.
-    patch_radius
-        Cells that a robot sees in each direction.
-    max_steps
-        Steps after which it gives up.
-    random_start
-        Probability of a start drawn among the cells from which the goal can be reached.
-    """
-
-    robots: int
-    patch_radius: int
-    max_steps: int
-    random_start: float
 
 
 class BatchStep(NamedTuple):

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from torch import nn
 
 from agents.networks.map_network import STILL, pack_network
-from agents.registry import NetworkName
 from irs_gym.mdp.packing import ROBOT
 
 _REMEMBERED = 2**26  # bytes of logits
@@ -33,7 +32,7 @@ class MapPolicy:
     """
 
     def __init__(
-        self, name: NetworkName, settings: dict[str, Any], network: nn.Module, seed: int = 0
+        self, name: str, settings: dict[str, Any], network: nn.Module, seed: int = 0
     ) -> None:
         self.name = name
         self.settings = settings

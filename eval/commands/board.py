@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from rich.progress import track
 from tyro.conf import Positional, arg
 
+from agents.registry import specialists
 from agents.rollout.episode import EpisodeResult, evaluation_env
 from agents.runs import provenance
 from agents.runs.problem import Problem
@@ -25,7 +26,6 @@ from eval.scoreboard.page import markdown
 from eval.scoreboard.report import html
 from eval.scoreboard.results import Group, LeftOut, Result, find_runs, read_results
 from eval.scoreboard.seed_scores import (
-    TITLES,
     SeedScores,
     finite,
     group_names,
@@ -121,7 +121,7 @@ def build(
     """The scoreboard as JSON holds it, and its pictures by their names."""
     known = {each.group for each in [*results, *left_out] if each.group is not None}
     names = group_names(sorted(known, key=lambda each: (each.problem.order, each.settings)))
-    order = {name: n for n, name in enumerate(TITLES)}
+    order = {name: n for n, name in enumerate(specialists())}
     groups = sorted(
         names, key=lambda each: (order[each.algorithm], names[each], each.problem.order)
     )

@@ -12,10 +12,13 @@ import torch
 from tiny_pool import resized, tiny_pool
 
 from agents.learning.dagger import Dagger
-from agents.learning.local_configs import ExplorerConfig, ExplorerPpoConfig, LocalPpoConfig
-from agents.learning.map_learner import MapLearner
+from agents.learning.explorer_ppo import ExplorerPpo
+from agents.learning.local_configs import ExplorerConfig, ExplorerPpoConfig, RobotBatchConfig
+from agents.learning.map_configs import network_settings
+from agents.learning.map_learner import MapLearner, first_network
 from agents.learning.ppo_loss import clipped_loss, generalized_advantages, sample_actions
-from agents.learning.robot_batch import RobotBatch, RobotBatchConfig
+from agents.learning.robot_batch import RobotBatch
+from agents.learning.sb3_configs import LocalPpoConfig
 from agents.networks.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
 from agents.networks.local_extractor import FRAME, LocalExtractor
 from agents.policies.belief_map import BeliefMap, patches_of
@@ -293,7 +296,7 @@ def ppo(**more):
         robots=12, n_plans=3, plan_steps=4, patch_radius=2, width=8, total_timesteps=1, **more
     )
     torch.manual_seed(0)
-    return config.teacher(config.build_network(), np.random.default_rng(0))
+    return ExplorerPpo(config, first_network(config), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("cell_size", [0.5, 0.25])
@@ -385,11 +388,11 @@ def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
         learning_rate=4e-3,
     )
     torch.manual_seed(0)
-    teacher, taken = config.teacher(config.build_network(), np.random.default_rng(0)), 0
+    teacher, taken = ExplorerPpo(config, first_network(config), np.random.default_rng(0)), 0
     env = env_of(pool, observation="flat", patch_radius=2)
 
     def episode():
-        return roll_out(Explorer(config.shape, teacher.network, pool.shape), env)
+        return roll_out(Explorer(network_settings(config), teacher.network, pool.shape), env)
 
     assert episode().ratio > 1.2
     while taken < config.total_timesteps:

@@ -19,6 +19,7 @@ from agents.learning.map_configs import (
     UNetPpoConfig,
     VinConfig,
 )
+from agents.learning.map_learner import MapLearner, first_network
 from agents.learning.symmetry import SYMMETRIES, sources, turn, turn_moves
 from agents.learning.whole_map_ppo import transition_tables_of
 from agents.networks.map_network import (
@@ -73,7 +74,7 @@ def oracle_logits(pool):
 
 
 def learn(config, pool=POOL, seed=0):
-    return config.build(pool, seed).learn(config.total_timesteps, Nothing())
+    return MapLearner(config, pool, seed).learn(config.total_timesteps, Nothing())
 
 
 def weights(learner):
@@ -343,7 +344,7 @@ def test_damaged_network_file_is_refused(harm):
 def test_learner_taken_up_from_a_checkpoint_ends_with_the_same_weights(algorithm):
     config = SMALL[algorithm]
     whole = learn(config, seed=4)
-    half = config.build(POOL, 4).learn(config.total_timesteps // 2, Nothing())
+    half = MapLearner(config, POOL, 4).learn(config.total_timesteps // 2, Nothing())
     half = pickle.loads(pickle.dumps(half))
     assert half.pool is None
     half.pool = POOL
@@ -363,7 +364,7 @@ def test_same_seed_gives_the_same_weights_and_another_seed_others(algorithm):
 def test_imitation_sees_each_scene_once_before_any_a_second_time(monkeypatch):
     seen = []
     config = PlannerConfig(total_scenes=12, batch_scenes=2)
-    learner = config.build(POOL, 0)
+    learner = MapLearner(config, POOL, 0)
     draw = learner.teacher._draw
     monkeypatch.setattr(
         learner.teacher, "_draw", lambda scenes: seen.append(draw(scenes)) or seen[-1]
@@ -385,7 +386,8 @@ def test_planner_learns_the_way_by_ppo_alone():
     pool = tiny_pool(64, (10, 10))
     config = PlannerPpoConfig(total_timesteps=60_000, scenes=8, robots=16)
     before, after = (
-        play_scene_set(each.policy, pool) for each in (config.build(pool, 0), learn(config, pool))
+        play_scene_set(each.policy, pool)
+        for each in (MapLearner(config, pool, 0), learn(config, pool))
     )
     assert after.spl.mean() > before.spl.mean() + 0.1
 
@@ -437,16 +439,16 @@ def test_ppo_goes_on_from_the_weights_of_imitation(tmp_path):
     learner = learn(SMALL["unet"])
     with (tmp_path / "unet.npz").open("wb") as file:
         learner.save(file)
-    again = replace(SMALL["unet_ppo"], weights=tmp_path / "unet.npz").build(POOL, 1)
+    again = MapLearner(replace(SMALL["unet_ppo"], weights=tmp_path / "unet.npz"), POOL, 1)
     assert all(map(np.array_equal, weights(learner), weights(again)))
     with pytest.raises(ValueError, match=r"hold unet .* not unet"):
-        replace(SMALL["unet_ppo"], width=16, weights=tmp_path / "unet.npz").build(POOL, 1)
+        MapLearner(replace(SMALL["unet_ppo"], width=16, weights=tmp_path / "unet.npz"), POOL, 1)
 
 
 def test_networks_answer_for_maps_of_any_size():
     maps = maps_of(tiny_pool(2, (11, 13)), np.arange(2))
     for config in SMALL.values():
-        found = config.build_network()(maps)
+        found = first_network(config)(maps)
         assert isinstance(found, MapPlan)
         assert found.logits.shape == (2, 8, 11, 13)
         assert found.to_go.shape == (2, 11, 13)

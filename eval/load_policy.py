@@ -127,11 +127,12 @@ def load_policy(
     """
     if Path(name).suffix == ".npz":
         policy = read_network(Path(name).read_bytes())
-        return _on_scenes(
-            policy, "flat" if isinstance(policy, Explorer) else "map", place, render_mode
-        )
+        observation = "flat" if isinstance(policy, Explorer) else "map"
+        return _on_scenes(policy, observation, place, render_mode)
 
-    if Path(name).exists() and (Path(name, "manifest.json").exists() or name not in ALGORITHMS):
+    # a folder that happens to be called "ppo" is no run unless it holds one
+    is_run = Path(name, "manifest.json").exists() or name not in ALGORITHMS
+    if Path(name).exists() and is_run:
         return _of_run(Run.open(name), place, render_mode, model)
 
     if name in specialists():
@@ -169,7 +170,7 @@ def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) ->
     env = gymnasium.make(
         "irs_gym:IrsNavRandom-v0", render_mode=render_mode, observation=observation, **arguments
     )
-    if isinstance(policy, Explorer):
+    if isinstance(policy, Explorer):  # its memory is as large as the largest map
         inner: Any = env.unwrapped
         policy = replace(policy, shape=inner.worlds.pool.shape)
 
@@ -183,6 +184,7 @@ def _reference(
         env = _in_task(Task(**place.given), render_mode)
         return LoadedPolicy(make(env), env)
 
+    # a reference policy is made for its environment, which comes first
     blank = _on_scenes(None, "flat", place, render_mode)
     return replace(blank, policy=make(blank.env))
 

@@ -134,8 +134,13 @@ def test_random_policies_play_many_episodes_and_do_the_same_again():
     env = evaluation_env(Task(target_db=-64.0))
     played = [play_references(env, {}, episodes=3, seed=5) for _ in range(2)]
     assert {name: len(each) for name, each in played[0].items()} == {
-        "oracle": 1, "replanning": 1, "greedy": 1, "greedy_margin": 1, "masked_random": 3, "random": 3,
-    }  # fmt: skip
+        "oracle": 1,
+        "replanning": 1,
+        "greedy": 1,
+        "greedy_margin": 1,
+        "masked_random": 3,
+        "random": 3,
+    }
     assert [each.refused for each in played[0]["random"]] == [
         each.refused for each in played[1]["random"]
     ]

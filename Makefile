@@ -1,10 +1,3 @@
-# make test    install once into .venv, run the tests        make demo   train PPO on the paper's scene and score it
-# make check   ruff, mypy, import layers, the wheel           make pin    write constraints.txt anew
-# make fuzz    hostile scenes, maps, arguments, run folders and command lines: FUZZ_INPUTS of each (2000)
-# make clients  the README's blocks for other libraries, each in an environment of its own
-# make compat  the tests of irs_gym on Python 3.11 to 3.13, each with the oldest and the latest Gymnasium
-# make drill   kill a training ten times, resume it, and hold it against one left in peace
-# make clean   remove .venv, caches and builds (runs/ stays)
 PYTHON ?= python3.11
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -16,41 +9,48 @@ DEMO_RUN ?= runs/demo
 DEMO_TRAIN ?= -m train ppo --out $(DEMO_RUN) --overwrite
 DEMO_SCORE ?= -m eval score $(DEMO_RUN)
 
+.DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: test check lint types layers wheel clients fuzz compat demo drill pin clean
+.PHONY: help test coverage check lint types layers wheel clients fuzz compat demo drill pin clean
 
-test: $(INSTALLED)
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
-check: lint types layers wheel
-
-lint: $(INSTALLED)
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-
-types: $(INSTALLED)
-	$(BIN)/mypy
-
-layers: $(INSTALLED)
-	$(BIN)/lint-imports
-
-wheel: $(INSTALLED)
-	$(BIN)/python .ci/check_wheel.py
-
-clients: $(INSTALLED)
-	$(BIN)/python .ci/clients.py $(CLIENTS)
-
-fuzz: $(INSTALLED)
-	$(BIN)/python tests/fuzz.py --inputs $(FUZZ_INPUTS)
-
-compat:
-	$(PYTHON) .ci/compat.py
-
-demo: $(INSTALLED)
+demo: $(INSTALLED) ## train PPO on the paper's scene and score it against the oracle
 	$(BIN)/python $(DEMO_TRAIN)
 	$(BIN)/python $(DEMO_SCORE)
 
-drill: $(INSTALLED)
+test: $(INSTALLED) ## install once into .venv, run the tests
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+coverage: $(INSTALLED) ## the tests, and the share of lines and branches that they run
+	$(BIN)/python -m pytest $(PYTEST_ARGS) --cov --cov-report=term
+
+check: lint types layers wheel ## ruff, mypy, import layers, the wheel
+
+lint: $(INSTALLED) ## ruff: style and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(INSTALLED) ## mypy
+	$(BIN)/mypy
+
+layers: $(INSTALLED) ## import-linter: who may import whom
+	$(BIN)/lint-imports
+
+wheel: $(INSTALLED) ## build the wheel, install it alone, step the environment
+	$(BIN)/python .ci/check_wheel.py
+
+clients: $(INSTALLED) ## the README's blocks for other libraries, each in an environment of its own
+	$(BIN)/python .ci/clients.py $(CLIENTS)
+
+fuzz: $(INSTALLED) ## hostile scenes, maps, arguments, run folders, command lines: FUZZ_INPUTS of each (2000)
+	$(BIN)/python tests/fuzz.py --inputs $(FUZZ_INPUTS)
+
+compat: ## the tests of irs_gym on Python 3.11 to 3.13, each with the oldest and the latest Gymnasium
+	$(PYTHON) .ci/compat.py
+
+drill: $(INSTALLED) ## kill a training ten times, resume it, and hold it against one left in peace
 	$(BIN)/python .ci/kill_drill.py
 
 $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
@@ -65,13 +65,13 @@ $(BIN)/python:
 # own, which are left out, so that the pins hold for any of them.
 PIN_TORCH ?= torch==2.13.0
 
-pin:
+pin: ## write constraints.txt anew
 	tmp=$$(mktemp -d) && trap 'rm -rf "$$tmp"' EXIT && $(PYTHON) -m venv "$$tmp" && \
 	"$$tmp/bin/python" -m pip install --quiet ".[train,test,sweep,play,geometry,sionna,peers]" "$(PIN_TORCH)" && \
 	"$$tmp/bin/python" -m pip freeze --all --exclude pip --exclude irs_gym > "$$tmp/freeze" && \
 	sed -e 's/+.*//' -e '/^nvidia/d' -e '/^cuda/d' -e '/^triton/d' "$$tmp/freeze" > "$$tmp/constraints.txt" && \
 	mv "$$tmp/constraints.txt" constraints.txt
 
-clean:
-	rm -rf $(VENV) build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+clean: ## remove .venv, caches and builds (runs/ stays)
+	rm -rf $(VENV) build dist .coverage .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -19,7 +19,8 @@ _, info = env.reset(seed=0)
 env.step(env.action_space.sample(mask=info["action_mask"]))
 height, width, channels = env.render().shape
 env.close()
-print(f"{env.spec.id} stepped and rendered at {width} x {height} from {__import__('irs_gym').__file__}")
+package = __import__("irs_gym").__file__
+print(f"{env.spec.id} stepped and rendered at {width} x {height} from {package}")
 """
 
 

@@ -80,7 +80,8 @@ def fetch_cleanrl(folder: Path) -> dict[str, str]:
             text = page.read()
     except (URLError, OSError) as error:
         print(
-            f"CleanRL's ppo.py has not run: {CLEANRL} cannot be fetched ({error}). Set CLEANRL to a checkout of it."
+            f"CleanRL's ppo.py has not run: {CLEANRL} cannot be fetched ({error}). "
+            "Set CLEANRL to a checkout of it."
         )
         return {}
     (folder / "cleanrl").mkdir()
@@ -89,7 +90,7 @@ def fetch_cleanrl(folder: Path) -> dict[str, str]:
 
 
 def check(client: str) -> bool:
-    """Whether the client's blocks, of which there must be one, pass in an environment of its own."""
+    """Whether the client's blocks, at least one, pass in an environment of its own."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         try:

@@ -81,7 +81,8 @@ def _judge(killed: Run, whole: Run) -> int:
     for run in (killed, whole):
         episode = roll_out(run.load_model(), evaluation_env(run.task))
         print(
-            f"{run.folder.name}: {run.manifest.status}, ratio {episode.ratio}, {len(_curve(run.folder))} tests"
+            f"{run.folder.name}: {run.manifest.status}, ratio {episode.ratio}, "
+            f"{len(_curve(run.folder))} tests"
         )
         if run.manifest.status != "at_optimum" or not episode.is_optimal:
             return 1

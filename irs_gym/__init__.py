@@ -78,7 +78,7 @@ for _id, (_entry_point, _vector_entry_point), _arguments in (
             entry_point=_entry_point,
             vector_entry_point=_vector_entry_point,
             max_episode_steps=400,
-            order_enforce=False,  # the environment itself refuses steps before a reset and after the end
+            order_enforce=False,  # the environment itself refuses steps out of order
             disable_env_checker=True,  # and the tests run Gymnasium's checker
             kwargs=_arguments,
         )

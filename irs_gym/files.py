@@ -1,4 +1,4 @@
-"""Files from anywhere: read within limits and without unpickling, written as a whole or not at all."""
+"""Files from anywhere: read within limits, never unpickled, written as a whole or not at all."""
 
 import os
 import re
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.memory import check_memory, in_words
+from irs_gym.memory import check_memory
 
 MEMBERS = 1000  # arrays in an archive
 _AXES = 32  # of an array
@@ -139,9 +139,7 @@ def _check_size(what: str, size: int, limit: int | None) -> None:
     if limit is None:
         check_memory(what, size)
     elif size > limit:
-        raise ValueError(
-            f"{what} has {in_words(size)}, more than the {in_words(limit)} that are read here"
-        )
+        raise ValueError(f"{what} holds {size:,} bytes, and at most {limit:,} are read")
 
 
 def _members(archive: zipfile.ZipFile, limit: int | None) -> dict[str, zipfile.ZipInfo]:
@@ -154,13 +152,15 @@ def _members(archive: zipfile.ZipFile, limit: int | None) -> dict[str, zipfile.Z
             f"the archive holds {len(entries)} arrays, more than the {MEMBERS} that are read here"
         )
 
+    # Members that overlap are how a small file unpacks to a very large one.
     end = 0
     for entry in sorted(entries, key=lambda each: each.header_offset):
         if entry.flag_bits & 1:
             raise ValueError(f"{entry.filename!r} is encrypted")
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise ValueError(
-                f"{entry.filename!r} is compressed by method {entry.compress_type}, not deflated or stored"
+                f"{entry.filename!r} is compressed by method {entry.compress_type}, "
+                "not deflated or stored"
             )
         if entry.header_offset < end:
             raise ValueError(f"{entry.filename!r} overlaps another member")
@@ -187,6 +187,7 @@ def _header(
     is unpacked.
     """
     with archive.open(entry) as file:
+        # magic string, version, and the header's length: in 2 bytes in version 1, 4 later
         start = file.read(12)
         if start[:6] != b"\x93NUMPY" or start[6:8] not in (b"\x01\x00", b"\x02\x00", b"\x03\x00"):
             raise ValueError(f"{name} is not an array in NumPy's format")
@@ -220,7 +221,8 @@ def _header(
         raise ValueError(f"{name} has a shape that no array has")
     if prefix + length + kind.itemsize * prod(shape) != entry.file_size:
         raise ValueError(
-            f"{name} has {entry.file_size} bytes, but {tuple(shape)} values of the type {kind} are others"
+            f"{name} has {entry.file_size} bytes, "
+            f"but {tuple(shape)} values of the type {kind} are others"
         )
 
     return prefix + length, kind, "F" if found["order"] == "True" else "C", shape
@@ -234,11 +236,14 @@ def _array(
     order: str,
     shape: list[int],
 ) -> NDArray[Any]:
+    """The array of a member whose header has been read."""
     content = archive.read(entry)
     if kind.itemsize == 0 or not prod(shape):
         return np.zeros(shape, kind)
 
-    array = np.frombuffer(content, kind, offset=start).reshape(shape, order=order)  # type: ignore[call-overload]
+    flat = np.frombuffer(content, kind, offset=start)
+    array = flat.reshape(shape, order=order)  # type: ignore[call-overload]
+    # Values that NumPy itself would never write, and that crash or surprise those who use them.
     if kind.kind == "b" and (array.view(np.uint8) > 1).any():
         raise ValueError(f"{entry.filename!r} holds bools that are neither True nor False")
     if (

@@ -1,6 +1,4 @@
-"""`check_memory`: work that would take more memory than this machine should give is refused before
-it begins.
-"""
+"""`check_memory`: work that would take too much memory is refused before it begins."""
 
 import os
 import re
@@ -13,7 +11,8 @@ from numpy.typing import NDArray
 _Array = TypeVar("_Array", bound=NDArray[Any])
 
 VARIABLE = "IRS_GYM_MEMORY"
-PASSES = 100  # work that goes over more than this many times as many bytes as may be held at once is refused as well
+# Work that goes over more than this many times as many bytes as may be held at once is refused too.
+PASSES = 100
 _UNITS = {"": 1, "B": 1, **{f"{prefix}iB": 1024**n for n, prefix in enumerate("KMGT", start=1)}}
 _UNKNOWN = 8 * 1024**3  # bytes of a machine that does not say how many it has
 
@@ -66,18 +65,25 @@ def check_memory(what: str, held: float, passed: float = 0) -> None:
     limit = memory_limit()
     if held > limit:
         raise MemoryLimitError(
-            f"{what} would take {in_words(held)} of memory, more than the limit of {in_words(limit)}; "
-            f"{VARIABLE} sets another"
+            f"{what} would take {in_words(held)} of memory, "
+            f"more than the limit of {in_words(limit)}; {VARIABLE} sets another"
         )
     if passed > PASSES * limit:
         raise MemoryLimitError(
-            f"{what} would go over {in_words(passed)} of numbers, more than {PASSES} times the memory limit of "
-            f"{in_words(limit)}; {VARIABLE} sets another"
+            f"{what} would go over {in_words(passed)} of numbers, "
+            f"more than {PASSES} times the memory limit of {in_words(limit)}; "
+            f"{VARIABLE} sets another"
         )
 
 
 def in_words(size: float) -> str:
-    """Bytes for people: ``"1.5 GiB"``."""
+    """Bytes for people.
+
+    Examples
+    --------
+    >>> in_words(1.5 * 1024**3)
+    '1.5 GiB'
+    """
     for unit in ("B", "KiB", "MiB", "GiB"):
         if size < 1024:
             return f"{size:.4g} {unit}"
@@ -87,7 +93,7 @@ def in_words(size: float) -> str:
 
 
 def freeze(*arrays: NDArray[Any] | None) -> None:
-    """Make arrays that are shared read-only: whoever writes to one is told."""
+    """Make arrays that are shared read-only: to write to one raises a ``ValueError``."""
     for array in arrays:
         if array is not None:
             array.setflags(write=False)
@@ -107,6 +113,7 @@ def _machine() -> int:
     except (AttributeError, OSError, ValueError):  # not on Windows
         total = _UNKNOWN
 
+    # a container has its own bound; "max" where it has none
     try:
         bound = Path("/sys/fs/cgroup/memory.max").read_text().strip()
     except OSError:

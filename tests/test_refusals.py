@@ -398,7 +398,7 @@ def test_arrays_that_environments_share_are_read_only():
         envs.world,
         random.worlds,
     ]
-    shared += [envs._fleet._dispatcher.ground, random._fleet._dispatcher.ground]
+    shared += [each._episodes._sampler.transition_model for each in (envs, random)]
     found = arrays_of(shared, set())
     assert len(found) >= 35
     assert not any(each.flags.writeable for each in found)

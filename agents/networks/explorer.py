@@ -9,11 +9,12 @@ from torch import Tensor, nn
 from torch.nn.functional import pad, softplus
 
 from agents.networks.map_network import MapPlan
-from agents.networks.planner import plan
+from agents.networks.planner import neighbours, plan
 from agents.networks.unet import conv_block, double_conv
-from irs_gym.grid import MOVE_LENGTHS, MOVES
+from irs_gym.grid import MOVE_LENGTHS
 
-BLOCKED = 1e4  # cost of entering a cell that is known to be infeasible: more than any way through unknown cells
+BLOCKED = 1e4
+"""Cost of entering a cell known to be infeasible: more than any way through unknown cells."""
 _FACTOR = 8  # sides of the maps are padded to multiples of this many cells
 _MOST_EXTRA = 50.0  # a cell costs no more than this beside its length, however unlikely
 
@@ -52,10 +53,10 @@ class ExplorerNetwork(nn.Module):
         self.up_1 = conv_block(twice + width, width)
         self.read_out = nn.Conv2d(width, 2, 1)
 
+        # It begins near optimism: most cells are feasible, and cost little more than their length.
+        assert self.read_out.bias is not None  # as it is asked for above
         with torch.no_grad():
-            self.read_out.bias.copy_(
-                torch.tensor([-2.0, 1.0])
-            )  # begins near optimism: most cells are feasible
+            self.read_out.bias.copy_(torch.tensor([-2.0, 1.0]))
 
         self.log_beta = nn.Parameter(torch.tensor(1.0))
 
@@ -72,15 +73,13 @@ class ExplorerNetwork(nn.Module):
             Of the IRS, ``(B, 3)``, see `irs_gym.mdp.task.irs_settings`.
         """
         columns, rows = margin.shape[1:]
-        is_known = ~margin.isnan()
-        is_goal = (
-            torch.zeros_like(is_known)
-            .flatten(1)
-            .scatter_(1, goals[:, None], True)
-            .view_as(is_known)
-        )
+        is_known = ~margin.isnan()  # (B, X, Y), as the others
         is_feasible = is_known & (margin >= 0)
         is_blocked = is_known & (margin < 0)
+        nowhere = torch.zeros_like(is_known).flatten(1)  # (B, X * Y)
+        is_goal = nowhere.scatter_(1, goals[:, None], True).view_as(is_known)
+
+        # What the network sees; the ones tell the map from the padding around it.
         planes = torch.stack(
             [
                 is_known,
@@ -91,19 +90,20 @@ class ExplorerNetwork(nn.Module):
                 torch.ones_like(is_known),
             ],
             dim=1,
-        )
-        planes = torch.cat(
-            [planes, settings[:, :, None, None].expand(-1, -1, columns, rows)], dim=1
-        )
-        answer = self._guess(pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR)))[
-            ..., :columns, :rows
-        ]
+        )  # (B, 6, X, Y)
+        everywhere = settings[:, :, None, None].expand(-1, -1, columns, rows)  # (B, 3, X, Y)
+        planes = torch.cat([planes, everywhere], dim=1)
+        padded = pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR))
+        answer = self._guess(padded)[..., :columns, :rows]  # (B, 2, X, Y)
+
+        # A cell that was seen costs what it is known to, another what is guessed.
         extra = softplus(answer[:, 0]).clamp(max=_MOST_EXTRA)
         cost = torch.where(is_known, 1.0, 1.0 + extra).masked_fill(is_blocked, BLOCKED)
 
         return Guess(plan(costs_of_moves(cost), is_goal, self.log_beta.exp()), answer[:, 1])
 
     def _guess(self, planes: Tensor) -> Tensor:
+        # Down to an eighth of the map, and up again beside what was seen on the way down.
         whole = self.stem(planes)
         half = self.down_2(whole)
         quarter = self.down_4(half)
@@ -118,14 +118,7 @@ def costs_of_moves(cost: Tensor) -> Tensor:
     """Costs of the 8 moves ``(B, 8, X, Y)``: their lengths times what the cells ahead cost, ``(B,
     X, Y)``.
     """
-    columns, rows = cost.shape[1:]
-    padded = pad(cost, (1, 1, 1, 1), value=BLOCKED)
-    each = zip(MOVES.tolist(), MOVE_LENGTHS.tolist(), strict=True)
+    ahead = neighbours(pad(cost, (1, 1, 1, 1), value=BLOCKED))
+    each = zip(MOVE_LENGTHS.tolist(), ahead, strict=True)
 
-    return torch.stack(
-        [
-            length * padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj]
-            for (di, dj), length in each
-        ],
-        dim=1,
-    )
+    return torch.stack([length * cost_ahead for length, cost_ahead in each], dim=1)

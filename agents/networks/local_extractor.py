@@ -2,7 +2,6 @@
 read.
 """
 
-from math import isqrt
 from typing import Any
 
 import torch
@@ -10,7 +9,9 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor
 
-FRAME = 40.0  # cells: sides of the frame that vectors to the goal are scaled to in most splits
+from irs_gym.mdp.packing import Packing
+
+FRAME = 40  # cells: sides of the frame that vectors to the goal are scaled to in most splits
 SCALES = (1.0, 3.0, 10.0, 40.0)  # cells at which the vector to the goal is cut off
 
 
@@ -24,14 +25,19 @@ class LocalExtractor(BaseFeaturesExtractor):
 
     def __init__(self, observation_space: spaces.Box) -> None:
         width = observation_space.shape[0]
-        self.cells = isqrt(width - 7) ** 2
-        super().__init__(observation_space, width + self.cells + 2 * len(SCALES) + 2)
+        self.packing = Packing.of_width(width, (FRAME, FRAME))
+        cells = self.packing.side**2
+        super().__init__(observation_space, width + cells + 2 + 2 * len(SCALES))
 
     def forward(self, observations: Any) -> Tensor:
         """Features ``(B, D)`` of flat observations ``(B, C)``."""
-        to_goal = observations[:, -2:] * FRAME
-        direction = to_goal / to_goal.norm(dim=1, keepdim=True).clamp(min=1.0)
+        is_feasible = (observations[:, self.packing.patch] >= 0).to(observations)  # (B, (2r+1)**2)
+
+        # In cells, as `irs_gym.mdp.packing.vectors_to_goal` has scaled them to the frame.
+        to_goal = observations[:, self.packing.to_goal] * FRAME  # (B, 2)
+
+        # Shorter than 1 at the goal alone, which has no direction.
+        direction = to_goal / to_goal.norm(dim=1, keepdim=True).clamp(min=1.0)  # (B, 2)
         scaled = [(to_goal / scale).clamp(-1.0, 1.0) for scale in SCALES]
-        is_feasible = (observations[:, : self.cells] >= 0).to(observations)
 
         return torch.cat([observations, is_feasible, direction, *scaled], dim=1)

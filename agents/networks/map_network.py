@@ -5,8 +5,7 @@ A file holds plain arrays and a line of JSON; nothing in it is unpickled.
 """
 
 import json
-from collections.abc import Callable, Mapping
-from importlib import import_module
+from collections.abc import Mapping
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -15,28 +14,17 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from agents.registry import NetworkName
+from agents.registry import network_class
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.files import read_arrays
-from irs_gym.mdp.observation import MARGIN_SCALE_DB
+from irs_gym.mdp.packing import GOAL, MARGIN, OBSTACLE, scaled_margin
 from irs_gym.memory import check_memory
 
-STILL = [
-    0,
-    1,
-    3,
-]  # channels of the environment's map observation that stay the same while the robot moves
-_MOST = 10_000  # layers, channels or rounds
-_CLASSES: dict[NetworkName, tuple[str, str]] = {
-    "planner": ("agents.networks.planner", "PlanningNetwork"),
-    "unet": ("agents.networks.unet", "UNet"),
-    "vin": ("agents.networks.vin", "ValueIterationNetwork"),
-    "explorer": ("agents.networks.explorer", "ExplorerNetwork"),
-}
+STILL = [MARGIN, OBSTACLE, GOAL]
+"""Channels of the environment's map observation that stay the same while the robot moves."""
 
-
-_TRAINED = 4  # times the weights that learning takes: gradients and two moments of Adam beside them
 FILE_BYTES = 2**28  # of a network's file and of its weights
+_TRAINED = 4  # times the weights that learning takes: gradients and two moments of Adam beside them
 _LARGEST_SETTING = 4096  # channels, rounds, passes
 
 
@@ -57,10 +45,12 @@ def maps_of(pool: SceneSet, scenes: NDArray[np.int64]) -> Tensor:
     The channels are those of the environment's map observation without the robot: margin over the
     target, obstacle, goal.
     """
-    maps = np.zeros((len(scenes), 3, *pool.shape), dtype=np.float32)
-    margin_db = pool.gain_db[scenes] - pool.target_db[scenes, None, None]
-    maps[:, 0] = np.clip(margin_db / MARGIN_SCALE_DB, -1.0, 1.0)
-    maps[:, 1] = np.isneginf(margin_db)
+    gain_db = pool.gain_db[scenes]  # (B, X, Y)
+    maps = np.zeros((len(scenes), len(STILL), *pool.shape), dtype=np.float32)
+
+    # In the order of `STILL`: with no robot among them, the goal's channel is the third.
+    maps[:, 0] = scaled_margin(gain_db, pool.target_db[scenes, None, None])
+    maps[:, 1] = np.isneginf(gain_db)
     maps[np.arange(len(scenes)), 2, pool.goal[scenes, 0], pool.goal[scenes, 1]] = 1.0
 
     return torch.from_numpy(maps)
@@ -75,7 +65,7 @@ def plan_scene_set(network: nn.Module, pool: SceneSet, batch: int = 32) -> NDArr
         return np.concatenate([network(maps_of(pool, each)).logits.numpy() for each in scenes])
 
 
-def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
+def build_network(name: str, settings: Mapping[str, Any]) -> nn.Module:
     """A network by its name, untrained; its weights are drawn from PyTorch's random numbers.
 
     Raises ``ValueError`` where a setting is out of its range, or the network would take too much
@@ -86,24 +76,22 @@ def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
         f"{dict(settings)}: the network",
         _TRAINED * sum(each.nbytes for each in outline.state_dict().values()),
     )
-    return _class(name)(**settings)
+    network: nn.Module = network_class(name)(**settings)
+
+    return network
 
 
-def _outline(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
+def _outline(name: str, settings: Mapping[str, Any]) -> nn.Module:
     """A network that has shapes but no numbers, and so takes no memory."""
     _check_sizes(settings)
 
     with torch.device("meta"):
-        return _class(name)(**settings)
+        network: nn.Module = network_class(name)(**settings)
 
-
-def _class(name: NetworkName) -> Callable[..., nn.Module]:
-    module, kind = _CLASSES[name]
-    network: Callable[..., nn.Module] = getattr(import_module(module), kind)
     return network
 
 
-def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Module) -> bytes:
+def pack_network(name: str, settings: Mapping[str, Any], network: nn.Module) -> bytes:
     """A network as the content of a file; equal weights give equal bytes."""
     content = BytesIO()
     header = np.array(json.dumps({"network": name, "settings": dict(settings)}))
@@ -113,7 +101,7 @@ def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Mod
     return content.getvalue()
 
 
-def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Module]:
+def unpack_network(content: bytes) -> tuple[str, dict[str, Any], nn.Module]:
     """Name, settings and network in the content of a file; raises `NetworkFileError` where it is
     none.
     """
@@ -123,6 +111,8 @@ def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Modu
         weights = {
             key.removeprefix("weight:"): torch.from_numpy(each) for key, each in arrays.items()
         }
+
+        # Before the network is made, as its settings may ask for any memory.
         _check_fit(_outline(header["network"], header["settings"]), weights)
         network = build_network(header["network"], header["settings"])
         network.load_state_dict(weights)
@@ -146,7 +136,8 @@ def _check_sizes(settings: Any) -> None:
         )
         if not is_size and not isinstance(value, str):
             raise ValueError(
-                f"settings.{name}={value!r} must be a name or an integer from 1 to {_LARGEST_SETTING}"
+                f"settings.{name}={value!r} must be a name or an integer from 1 to "
+                f"{_LARGEST_SETTING}"
             )
 
 

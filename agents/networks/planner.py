@@ -8,22 +8,19 @@ from typing import Any, get_args
 
 import torch
 from torch import Tensor, nn
-from torch.autograd.function import FunctionCtx
 from torch.nn.functional import pad
 
 from agents.networks.map_network import MapPlan
 from agents.registry import Encoding
-from irs_gym.grid import MOVES
-from irs_gym.mdp.observation import MARGIN_SCALE_DB
+from irs_gym.grid import MOVES, flat_cells
+from irs_gym.mdp.packing import MARGIN_SCALE_DB
 
 MARGIN_SCALES_DB = (5.0, 1.0, 0.2, 0.04, 0.008)
 LOG_COST = (-2.0, 9.0)  # natural logarithms of the least and the highest cost of a move
-UNREACHED = (
-    1e9  # cost to go where no way was found; any cost added to it is lost in float32, so none leaks
-)
-FARTHEST = (
-    50.0  # a move worse than the best by more is no worse to the softmax: keeps logits finite
-)
+UNREACHED = 1e9
+"""Cost to go where no way was found: any cost added to it is lost in float32, so none leaks."""
+FARTHEST = 50.0
+"""A move worse than the best by more is no worse to the softmax, which keeps logits finite."""
 _ROUNDS_PER_CHECK = 4
 
 
@@ -80,6 +77,7 @@ class PlanningNetwork(nn.Module):
         if self.encoding == "mask":
             return torch.stack([(margin >= 0).to(maps), goal], dim=1)
 
+        # In units of each scale, from [-1, 1] to [0, 1].
         planes = [
             (margin * (MARGIN_SCALE_DB / scale)).clamp(-1.0, 1.0) * 0.5 + 0.5
             for scale in MARGIN_SCALES_DB
@@ -92,8 +90,9 @@ def plan(
     costs: Tensor, is_goal: Tensor, beta: Tensor | float = 1.0, rounds: int | None = None
 ) -> MapPlan:
     """Plan for given costs of the moves ``(B, 8, X, Y)`` and goals, bool ``(B, X, Y)``."""
+    # V of each cell, (B, X, Y), and cost + V of the neighbour of each move, (B, 8, X, Y).
     to_go: Tensor = _CostToGo.apply(costs, is_goal, rounds)  # type: ignore[no-untyped-call]
-    ahead = costs + torch.stack(_neighbours(pad(to_go, (1, 1, 1, 1), value=UNREACHED)), dim=1)
+    ahead = costs + torch.stack(neighbours(pad(to_go, (1, 1, 1, 1), value=UNREACHED)), dim=1)
     worse = (ahead - ahead.amin(dim=1, keepdim=True)).clamp(max=FARTHEST)
 
     return MapPlan(-beta * worse, to_go)
@@ -107,38 +106,37 @@ class _CostToGo(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(
-        ctx: FunctionCtx | Any, costs: Tensor, is_goal: Tensor, rounds: int | None
-    ) -> Tensor:
-        by_move = costs.transpose(0, 1).contiguous()
+    def forward(ctx: Any, costs: Tensor, is_goal: Tensor, rounds: int | None) -> Tensor:
+        # V is 0 at the goal and out of reach elsewhere; the border off the map stays out of reach.
+        by_move = costs.transpose(0, 1).contiguous()  # (8, B, X, Y)
         padded = pad(torch.where(is_goal, 0.0, UNREACHED).to(costs), (1, 1, 1, 1), value=UNREACHED)
-        to_go = padded[:, 1:-1, 1:-1]
-        neighbours = _neighbours(padded)
+        to_go = padded[:, 1:-1, 1:-1]  # (B, X, Y), a view
+        views = neighbours(padded)
         most = is_goal[0].numel() if rounds is None else rounds  # a best path visits no cell twice
 
         for done in range(1, most + 1):
             before = to_go.clone() if done % _ROUNDS_PER_CHECK == 0 else None
             # In place, so that it goes as far as a round on a copy would, or farther.
-            for cost, neighbour in zip(by_move, neighbours, strict=True):
+            for cost, neighbour in zip(by_move, views, strict=True):
                 torch.minimum(to_go, cost + neighbour, out=to_go)
 
             if before is not None and torch.equal(before, to_go):
                 break
 
+        # Where the best paths lead, and where they end: for the gradient.
         if ctx.needs_input_grad[0]:
             best = torch.stack(
-                [cost + each for cost, each in zip(by_move, neighbours, strict=True)]
+                [cost + each for cost, each in zip(by_move, views, strict=True)]
             ).argmin(dim=0)
             ctx.save_for_backward(best, is_goal | (to_go >= UNREACHED))
 
         return to_go.clone()
 
     @staticmethod
-    def backward(ctx: FunctionCtx | Any, gradient: Tensor) -> tuple[Tensor, None, None]:  # type: ignore[override]
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:
         best, is_end = ctx.saved_tensors
         cells = best.numel()
-        columns = best.shape[-1]
-        steps = torch.as_tensor(MOVES[:, 0] * columns + MOVES[:, 1])
+        steps = torch.from_numpy(flat_cells(MOVES, best.shape[1:]))
         ahead = torch.where(is_end, cells, torch.arange(cells).view_as(best) + steps[best])
         ahead = torch.cat([ahead.flatten(), torch.tensor([cells])])  # paths end in an extra cell
         through = torch.cat([gradient.flatten(), gradient.new_zeros(1)])
@@ -161,8 +159,10 @@ class _CostToGo(torch.autograd.Function):
         return costs, None, None
 
 
-def _neighbours(padded: Tensor) -> list[Tensor]:
-    """Views of maps ``(B, X + 2, Y + 2)``: for each move, the values where it leads, ``(B, X, Y)``."""
+def neighbours(padded: Tensor) -> list[Tensor]:
+    """Views of maps with a border of one cell, ``(B, X + 2, Y + 2)``: for each move, the values
+    where it leads, ``(B, X, Y)``. As `irs_gym.grid.neighbours`, without a copy.
+    """
     columns = padded.shape[1] - 2
     rows = padded.shape[2] - 2
     return [

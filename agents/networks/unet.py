@@ -50,10 +50,15 @@ class UNet(nn.Module):
     def forward(self, maps: Tensor) -> MapPlan:
         """Plan for maps ``(B, 3, X, Y)`` of `agents.networks.map_network.maps_of`."""
         columns, rows = maps.shape[-2:]
-        planes = torch.cat(
-            [(maps[:, :1] >= 0).to(maps), maps[:, :1] * (1.0 - maps[:, 1:2]), maps[:, 1:]], dim=1
-        )
+        margin = maps[:, :1]
+        obstacle = maps[:, 1:2]
+
+        # Feasible cells, the margin where there is one, obstacle and goal.
+        is_feasible = (margin >= 0).to(maps)
+        planes = torch.cat([is_feasible, margin * (1.0 - obstacle), maps[:, 1:]], dim=1)
         fine = self.stem(pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR)))
+
+        # Each pass adds to what the passes before it have found, on a grid twice as coarse.
         seen = self.enter(fine)
         state = torch.zeros_like(seen)
 
@@ -72,7 +77,9 @@ class UNet(nn.Module):
         eighth = self.deep(self.down[1](quarter))
         quarter = self.up[0](torch.cat([quarter, double_conv(eighth)], dim=1))
 
-        return self.finish(self.up[1](torch.cat([half, double_conv(quarter)], dim=1)))
+        passed: Tensor = self.finish(self.up[1](torch.cat([half, double_conv(quarter)], dim=1)))
+
+        return passed
 
 
 def conv_block(channels: int, width: int, stride: int = 1) -> nn.Sequential:

@@ -38,8 +38,10 @@ class ValueIterationNetwork(nn.Module):
 
     def forward(self, maps: Tensor) -> MapPlan:
         """Plan for maps ``(B, 3, X, Y)`` of `agents.networks.map_network.maps_of`."""
-        mask = (maps[:, :1] >= 0).to(maps)
-        reward = self.reward(torch.cat([mask, maps], dim=1))
+        is_feasible = (maps[:, :1] >= 0).to(maps)
+        reward = self.reward(torch.cat([is_feasible, maps], dim=1))  # (B, 1, X, Y)
+
+        # Q <- convolution of r and V, V <- max over the actions of Q.
         values = torch.zeros_like(reward)
 
         for _ in range(max(self.rounds, self.rounds * max(maps.shape[-2:]) // 40)):
@@ -56,7 +58,7 @@ def _moves(actions: int) -> Tensor:
     gradients with them.
     """
     transition = torch.randn(actions, 2, 3, 3) * 0.01
-    transition[:, 0, 1, 1] += 1.0
+    transition[:, 0, 1, 1] += 1.0  # the reward of the cell itself
 
     for action in range(actions):
         di, dj = MOVES[action % len(MOVES)].tolist()

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from agents.networks.map_network import pack_network
-from agents.policies.belief_map import BeliefMap, parts_of
-from agents.policies.observation_decoding import decode
+from agents.policies.belief_map import BeliefMap
+from irs_gym.grid import cells_at
+from irs_gym.mdp.packing import SETTINGS, DecodedObservation, Packing
 
 Ints = NDArray[np.int64]
 _BATCH = 64  # maps in work at a time
@@ -22,7 +23,7 @@ _BATCH = 64  # maps in work at a time
 class ExplorerState:
     """What n robots know since their reset, and what they are about to do."""
 
-    seen: BeliefMap
+    belief: BeliefMap
     goals: Ints  # (n,), flat
     moves: NDArray[np.uint8]  # (n, X * Y): the move in each cell
 
@@ -60,27 +61,33 @@ class Explorer:
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
         """
-        robots, goals = decode(observation, self.shape)
-        patches, settings = parts_of(observation)
-        at = robots.ravel()
-        to = goals.ravel()
+        decoded = decode_local(observation, self.shape)
+        patches = decoded.margin.reshape(-1, *decoded.margin.shape[-2:])  # (n, 2r+1, 2r+1)
+        settings = decoded.irs.reshape(-1, SETTINGS)  # (n, 3)
+        at = decoded.cell.ravel()  # (n,)
+        to = decoded.goal.ravel()  # (n,)
+
+        # What each robot remembers, and nothing in a new episode.
         old = self._blank(len(at), patches.shape[-1] // 2) if state is None else state
         if episode_start is not None and np.any(episode_start):
             old = ExplorerState(
-                old.seen.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves
+                old.belief.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves
             )
 
-        seen = old.seen.look(np.stack(np.divmod(at, self.shape[1]), axis=-1), patches)
-        is_new = np.isnan(old.seen.maps).sum(axis=(1, 2)) != np.isnan(seen.maps).sum(axis=(1, 2))
-        changed = np.flatnonzero(is_new | (to != old.goals))
+        # A plan holds until something new comes into view.
+        belief = old.belief.look(cells_at(at, self.shape), patches)
+        unknown, unknown_before = (
+            np.isnan(each.maps).sum(axis=(1, 2)) for each in (belief, old.belief)
+        )  # (n,), numbers of cells
+        changed = np.flatnonzero((unknown != unknown_before) | (to != old.goals))
         moves = old.moves.copy()
 
         for part in np.array_split(changed, -(-len(changed) // _BATCH)) if len(changed) else ():
-            moves[part] = self._plan(seen.maps[part], to[part], settings[part])
+            moves[part] = self._plan(belief.maps[part], to[part], settings[part])
 
-        return moves[np.arange(len(at)), at].astype(np.int64).reshape(robots.shape), ExplorerState(
-            seen, to, moves
-        )
+        actions = moves[np.arange(len(at)), at].astype(np.int64)
+
+        return actions.reshape(decoded.cell.shape), ExplorerState(belief, to, moves)
 
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""
@@ -88,9 +95,10 @@ class Explorer:
 
     def _blank(self, robots: int, radius: int) -> ExplorerState:
         cells = self.shape[0] * self.shape[1]
-        seen = BeliefMap.nothing(robots, self.shape, radius)
         return ExplorerState(
-            seen, np.full(robots, -1, dtype=np.int64), np.zeros((robots, cells), dtype=np.uint8)
+            belief=BeliefMap.nothing(robots, self.shape, radius),
+            goals=np.full(robots, -1, dtype=np.int64),
+            moves=np.zeros((robots, cells), dtype=np.uint8),
         )
 
     def _plan(
@@ -103,13 +111,36 @@ class Explorer:
                 goals,
                 np.ascontiguousarray(settings, dtype=np.float32),
             )
-            logits = self.network(*map(torch.from_numpy, given)).plan.logits
-            return likeliest(logits).flatten(1).numpy()
+            logits = self.network(*map(torch.from_numpy, given)).plan.logits  # (n, 8, X, Y)
+            moves: NDArray[np.uint8] = likeliest(logits).flatten(1).numpy()
+
+        return moves
+
+
+def decode_local(observation: Any, shape: tuple[int, int]) -> DecodedObservation:
+    """The parts of one local observation or a batch, in a frame of that shape.
+
+    Raises
+    ------
+    ValueError
+        Where the observation is no local one: a cell, a map, or flat with the phase shifts of
+        `IrsNav-v0` between its parts.
+    """
+    packing = Packing.of(observation, shape)
+    if packing.observation != "cell" and packing.side == 0:
+        numbers = packing.width if packing.observation == "map" else packing.flat_width
+        raise ValueError(
+            f"observation has {numbers} numbers: a patch of (2r+1)**2, 3 settings of the IRS and "
+            "4 of the position are needed, as IrsNavRandom-v0 has them with observation='flat', "
+            "and IrsNav-v0 with irs_phases=False"
+        )
+
+    return packing.decode(observation)
 
 
 def likeliest(logits: Tensor) -> Tensor:
-    """The move with the greatest logit, of equals the first: uint8 ``(B, X, Y)`` for logits ``(B,
-    8, X, Y)``.
+    """The move with the greatest logit, of equals the first: uint8 ``(B, X, Y)`` for logits
+    ``(B, 8, X, Y)``.
 
     As `torch.argmax`, which takes a quarter of the time of a plan, with strides as long as a map.
     """

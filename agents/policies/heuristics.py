@@ -10,11 +10,11 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies.observation_decoding import ahead, decode
 from agents.policies.policy import Policy
 from agents.policies.replanning import Replanner
-from irs_gym.grid import MOVE_LENGTHS, Cell, legal_moves, octile_distance
+from irs_gym.grid import MOVE_LENGTHS, Cell, legal_moves, neighbours, octile_distance
 from irs_gym.mdp.dynamics import action_mask, tabulate
+from irs_gym.mdp.packing import Packing
 from irs_gym.mdp.task import World
 
 Bools = NDArray[np.bool_]
@@ -33,9 +33,8 @@ class CellPolicy:
     the action is 0.
     """
 
-    world_of: Callable[
-        [int], World
-    ]  # of the n-th observation of a batch; asked at each call, as resets may change it
+    world_of: Callable[[int], World]
+    """Of the n-th observation of a batch; asked at each call, as resets may change it."""
     rule: Rule
     rng: np.random.Generator
     _choices: dict[tuple[World, int], Bools] = field(default_factory=dict, repr=False)
@@ -52,19 +51,20 @@ class CellPolicy:
         A draw among several actions has no likeliest one, and is made even where ``deterministic``
         is asked for.
         """
-        robots, goals = decode(observation, self.world_of(0).radio_map.grid.shape)
-        pairs = zip(robots.ravel().tolist(), goals.ravel().tolist(), strict=True)
+        packing = Packing.of(observation, self.world_of(0).radio_map.grid.shape)
+        decoded = packing.decode(observation)
+        pairs = zip(decoded.cell.ravel().tolist(), decoded.goal.ravel().tolist(), strict=True)
         choices = np.stack(
             [
-                self._choices_for(self.world_of(n), goal)[robot]
-                for n, (robot, goal) in enumerate(pairs)
+                self._choices_for(self.world_of(n), goal)[cell]
+                for n, (cell, goal) in enumerate(pairs)
             ]
-        )
-        weight = choices * (
-            1.0 - self.rng.random(choices.shape)
-        )  # draws in (0, 1]: each choice has some weight
+        )  # (n, 8)
 
-        return weight.argmax(axis=-1).reshape(robots.shape), state
+        # Draws in (0, 1], so that each choice has some weight.
+        weight = choices * (1.0 - self.rng.random(choices.shape))
+
+        return weight.argmax(axis=-1).reshape(decoded.cell.shape), state
 
     def _choices_for(self, world: World, goal: int) -> Bools:
         """Choices in each flat cell for a flat goal, shape ``(X * Y, 8)``."""
@@ -72,8 +72,8 @@ class CellPolicy:
             if len(self._choices) >= _KEPT:
                 self._choices.clear()
 
-            i, j = divmod(goal, world.radio_map.grid.shape[1])
-            self._choices[world, goal] = self.rule(world, (i, j)).reshape(-1, 8)
+            cell = world.radio_map.grid.cell_at(goal)
+            self._choices[world, goal] = self.rule(world, cell).reshape(-1, 8)
 
         return self._choices[world, goal]
 
@@ -135,7 +135,7 @@ def _policy(env: gymnasium.Env[Any, Any], rule: Rule, seed: int | None) -> CellP
 
 
 def _world_reader(env: Any) -> Callable[[int], World]:
-    """The world of environment n: an environment over many scenes has another one after each reset."""
+    """The world of environment n: over many scenes, it has another one after each reset."""
     many: Callable[[int], World] | None = getattr(env.unwrapped, "world_of", None)
     return many or (lambda _: env.unwrapped.world)
 
@@ -149,25 +149,28 @@ def _octile(world: World, goal: Cell) -> Floats:
 
 
 def _cheapest(world: World, to_go: Floats) -> Bools:
-    """The feasible move with the least length plus distance to go from its end, as a choice of one."""
+    """The feasible move with the least length plus distance to go from its end, as a choice of
+    one.
+    """
     return _only(
-        -(MOVE_LENGTHS * world.radio_map.grid.cell_size + ahead(to_go)), legal_moves(world.feasible)
+        -(MOVE_LENGTHS * world.radio_map.grid.cell_size + neighbours(to_go, np.inf)),
+        legal_moves(world.feasible),
     )
 
 
 def _greatest_gain(world: World, goal: Cell) -> Bools:
     is_feasible = legal_moves(world.feasible)
     octile = _octile(world, goal)
-    is_nearer = is_feasible & (ahead(octile) < octile[..., None] - 1e-9)
+    is_nearer = is_feasible & (neighbours(octile, np.inf) < octile[..., None] - 1e-9)
     is_open = np.where(is_nearer.any(axis=-1, keepdims=True), is_nearer, is_feasible)
 
-    return _only(ahead(world.radio_map.gain_db), is_open)
+    return _only(neighbours(world.radio_map.gain_db, np.inf), is_open)
 
 
 def _only(value: Floats, is_open: Bools) -> Bools:
     """The open action with the greatest value, as a choice of one; of equals the first."""
-    best = np.where(is_open, value, -np.inf).argmax(axis=-1)
-    return is_open & (np.arange(8) == best[..., None])
+    best = np.where(is_open, value, -np.inf).argmax(axis=-1)  # (X, Y)
+    return np.asarray(is_open & (np.arange(8) == best[..., None]))
 
 
 # The rules that leave one action, and so need no draw.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from agents.networks.map_network import STILL, pack_network
-from agents.registry import NetworkName
+from irs_gym.mdp.packing import ROBOT
 
 _REMEMBERED = 2**26  # bytes of logits
 
@@ -32,7 +32,7 @@ class MapPolicy:
     """
 
     def __init__(
-        self, name: NetworkName, settings: dict[str, Any], network: nn.Module, seed: int = 0
+        self, name: str, settings: dict[str, Any], network: nn.Module, seed: int = 0
     ) -> None:
         self.name = name
         self.settings = settings
@@ -50,19 +50,19 @@ class MapPolicy:
         """Actions for one observation or a batch, as `agents.policies.policy.Policy` says: the
         likeliest ones, or drawn.
         """
-        seen = np.asarray(observation, dtype=np.float32)
-        batch = seen.reshape(-1, *seen.shape[-3:])
-        cells = batch[:, 2].reshape(len(batch), -1).argmax(axis=1)
-        all_logits = self._logits(batch[:, STILL])
+        maps = np.asarray(observation, dtype=np.float32)
+        batch = maps.reshape(-1, *maps.shape[-3:])  # (n, 4, X, Y)
+        cells = batch[:, ROBOT].reshape(len(batch), -1).argmax(axis=1)  # (n,), flat
+        plans = self._logits(batch[:, STILL])
         logits = np.stack(
-            [each.reshape(8, -1)[:, cell] for each, cell in zip(all_logits, cells, strict=True)]
-        )
-        if not deterministic:
-            logits = logits + self._rng.gumbel(
-                size=logits.shape
-            )  # the greatest is then a draw from the softmax
+            [each.reshape(8, -1)[:, cell] for each, cell in zip(plans, cells, strict=True)]
+        )  # (n, 8)
 
-        return logits.argmax(axis=1).reshape(seen.shape[:-3]), state
+        # With Gumbel noise, the greatest is a draw from the softmax.
+        noise = 0.0 if deterministic else self._rng.gumbel(size=logits.shape)
+        actions = (logits + noise).argmax(axis=1)
+
+        return actions.reshape(maps.shape[:-3]), state
 
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""
@@ -70,6 +70,7 @@ class MapPolicy:
 
     def _logits(self, maps: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         """Logits ``(8, X, Y)`` of each of the maps ``(B, 3, X, Y)``."""
+        # Maps are told apart by their content; those not known yet are asked for in one batch.
         keys = [blake2b(each.tobytes() + bytes(str(each.shape), "ascii")).digest() for each in maps]
         new = {key: n for n, key in enumerate(keys) if key not in self._known}
         if new:
@@ -81,6 +82,7 @@ class MapPolicy:
         for key in keys:
             self._known.move_to_end(key)
 
+        # The least lately asked for are forgotten first.
         found = [self._known[key] for key in keys]
         while len(self._known) > 1 and len(self._known) * found[0].nbytes > _REMEMBERED:
             self._known.popitem(last=False)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies.observation_decoding import ahead, decode, seen_feasible
-from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
+from irs_gym.grid import MOVE_LENGTHS, MOVES, cells_at, legal_moves, neighbours
+from irs_gym.mdp.packing import Packing
 from irs_gym.oracle.shortest_path import distance_to_go
 
 Bools = NDArray[np.bool_]
@@ -53,28 +53,31 @@ class Replanner:
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
         """
-        robots, goals = decode(observation, self.shape)
-        seen = seen_feasible(observation, self.radius)
-        views = seen.reshape(robots.size, *seen.shape[-2:])
-        olds: Sequence[ReplannerState | None] = [None] * robots.size if state is None else state
+        decoded = Packing.of(observation, self.shape, self.radius).decode(observation)
+        robots = decoded.cell.ravel()  # (n,)
+        goals = decoded.goal.ravel()  # (n,)
+        feasible = decoded.margin >= 0.0  # (..., 2r+1, 2r+1), or the whole map
+        views = feasible.reshape(len(robots), *feasible.shape[-2:])
+
+        olds: Sequence[ReplannerState | None] = [None] * len(robots) if state is None else state
         if episode_start is not None:
             olds = [
                 None if begins else old
                 for old, begins in zip(olds, np.ravel(episode_start), strict=True)
             ]
 
-        each = zip(olds, robots.ravel().tolist(), goals.ravel().tolist(), views, strict=True)
+        each = zip(olds, robots.tolist(), goals.tolist(), views, strict=True)
         memories = tuple(self._look(old, robot, goal, view) for old, robot, goal, view in each)
         actions = [memory.moves[memory.last] for memory in memories]
 
-        return np.array(actions).reshape(robots.shape), memories
+        return np.array(actions).reshape(decoded.cell.shape), memories
 
     def _look(
         self, old: ReplannerState | None, robot: int, goal: int, view: Bools
     ) -> ReplannerState:
         """What the robot knows now, with a new plan where that differs from what it hoped for."""
         is_open = np.ones(self.shape, dtype=bool) if old is None else old.is_open.copy()
-        i, j = divmod(robot, self.shape[1])
+        i, j = cells_at(np.array(robot), self.shape).tolist()
         if self.radius is None:
             is_open &= view
         else:
@@ -82,9 +85,8 @@ class Replanner:
             rows, seen_rows = _overlap(j, self.radius, self.shape[1])
             is_open[columns, rows] &= view[seen_columns, seen_rows]
 
-        if (
-            self.radius == 0 and old is not None and old.last == robot
-        ):  # it did not see that its move would be refused
+        # Without its neighbours in view, it did not see that its move would be refused.
+        if self.radius == 0 and old is not None and old.last == robot:
             is_open[tuple(np.add((i, j), MOVES[old.moves[robot]]))] = False
 
         if old is not None and old.goal == goal and (is_open == old.is_open).all():
@@ -94,9 +96,11 @@ class Replanner:
 
     def _plan(self, is_open: Bools, goal: int) -> Ints:
         """First moves of the shortest paths over open cells, shape ``(X * Y,)``."""
-        i, j = divmod(goal, self.shape[1])
+        i, j = cells_at(np.array(goal), self.shape).tolist()
         to_go = distance_to_go(is_open, (i, j), 1.0)
-        length = np.where(legal_moves(is_open), MOVE_LENGTHS + ahead(to_go), np.inf)
+
+        # Of each move from each cell, (X, Y, 8).
+        length = np.where(legal_moves(is_open), MOVE_LENGTHS + neighbours(to_go, np.inf), np.inf)
 
         return np.asarray(length.argmin(axis=-1).ravel())
 

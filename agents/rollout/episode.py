@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy, takes_masks
+from irs_gym.mdp.metrics import distance_ratio, soft_spl
 from irs_gym.mdp.task import Task
 
-TOLERANCE = 1e-9  # lengths are sums of floats: a path this much longer, in proportion, is as long as the oracle's
+# Lengths are sums of floats: a path this much longer, in proportion, is as long as the oracle's.
+TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +52,16 @@ class EpisodeResult:
     @property
     def ratio(self) -> float | None:
         """Distance over the oracle's; None for a failure, whose distance says nothing."""
-        return self.distance / self.oracle_distance if self.is_success else None
+        if not self.is_success:
+            return None
+        return float(distance_ratio(True, self.oracle_distance, self.distance))
 
     @property
     def soft_spl(self) -> float:
         """SPL with progress in place of success (Datta et al. 2020): a failure near the goal counts
         for something.
         """
-        return self.progress * self.oracle_distance / max(self.oracle_distance, self.distance)
+        return float(soft_spl(self.progress, self.oracle_distance, self.distance))
 
     @property
     def is_optimal(self) -> bool:

@@ -9,9 +9,8 @@ from hashlib import sha256
 import numpy as np
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.task import Constraint, Task, resolved
+from irs_gym.mdp.task import Constraint, ForeignMap, Task, resolved
 from irs_gym.radio.irs import ArrayModel, Quantiser
-from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene, load_scene, scene_names
 
 PAPER_ELEMENTS = (1200,)
@@ -104,27 +103,27 @@ def problem_of(task: Task) -> Problem:
     ValueError
         Where one is damaged, or the elements do not fit the panels.
     """
-    task = resolved(task)
+    whole = resolved(task)
+    task = whole.arguments
     radio_map = None
     scene = None
-    elements = ()
-    if isinstance(given := task.radio_map, RadioMap):
+    elements: tuple[int, ...] = ()
+    if isinstance(whole.radio, ForeignMap):
+        given = whole.radio.radio_map
         cells = repr((given.grid.origin, given.grid.cell_size, given.gain_db.shape)).encode()
         # a map with free cells that receive nothing is another one; all others keep the digest they
         # had
         has_silence = not np.array_equal(given.free, np.isfinite(given.gain_db))
         silence = given.free.tobytes() if has_silence else b""
         radio_map = _digest(cells + given.gain_db.tobytes() + silence)
-    elif isinstance(own := task.scene, Scene):
-        scene = _scene_name(own)
-        elements = tuple(
-            panel.elements for panel in own.with_irs_elements(task.irs_elements).irs_panels
-        )
+    else:
+        scene = _scene_name(whole.radio.scene)
+        elements = tuple(panel.elements for panel in whole.radio.built_scene.irs_panels)
 
     has_irs = bool(elements)
 
     return Problem(
-        target_db=task.target_db,
+        target_db=whole.target_db,
         scene=scene,
         radio_map=radio_map,
         cell_size=task.cell_size,

@@ -1,4 +1,4 @@
-"""Where a result comes from: versions of the packages and the commit of the checkout."""
+"""Where a result comes from: versions of the packages, the checkout's commit, the processor."""
 
 import platform
 import subprocess
@@ -37,6 +37,18 @@ def commit() -> str | None:
         return _git("rev-parse", "HEAD") + ("+changes" if _git("status", "--porcelain") else "")
     except (OSError, subprocess.SubprocessError):
         return None
+
+
+def processor() -> str:
+    """The processor's name, where the system tells it; else its architecture."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:  # no Linux
+        lines = []
+
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+
+    return next(names, "") or platform.processor() or platform.machine()
 
 
 def _git(*arguments: str) -> str:

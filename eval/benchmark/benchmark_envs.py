@@ -14,6 +14,7 @@ from gymnasium import spaces
 
 from eval.benchmark.timing import Steps
 from irs_gym.mdp.observation import build_observer
+from irs_gym.mdp.packing import Packing
 
 ID = "irs_gym:IrsNav-v0"
 CYCLE = 401  # steps of a whole episode of IrsNav-v0 under random actions, the reset included
@@ -140,11 +141,7 @@ def bare_take(num_envs: int) -> Steps:
 
 def _cells(observation: Any, world: Any) -> Any:
     """Flat cells that robots are in, from their own position in the observation."""
-    shape = np.array(world.feasible.shape)
-
-    # positions run from -1 to 1 over the map
-    cells = np.rint((observation["position"][:, :2] + 1.0) / 2.0 * shape - 0.5).astype(np.int64)
-    return cells @ np.array([shape[1], 1])
+    return Packing.of(observation, world.feasible.shape).own_cells(observation)
 
 
 def envpool_batch(env_id: str, num_envs: int) -> Steps:

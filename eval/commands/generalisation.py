@@ -189,7 +189,7 @@ def gallery(entrants: Sequence[PolicyResult], pools: ScenePools) -> bytes:
         pool = pools[each.track]["test"]
         run = each.runs[0]
         policy = run.load_model()
-        observation = observation_of(run.config.algorithm)  # type: ignore[arg-type]
+        observation = observation_of(run.config.algorithm)
         env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation)
 
         for n in choose_scenes(each.episodes["test"][0].spl, detours(pool)):
@@ -234,7 +234,7 @@ def _results(
     """Success, SPL and the ratio over successes, over seeds, on all scenes and on the hard ones."""
     success = entrant.table(name, lambda each: each.is_success)
     spl = entrant.table(name, lambda each: each.spl)
-    ratio = entrant.table(name, lambda each: each.distance / each.oracle_distance)
+    ratio = entrant.table(name, lambda each: each.ratios)
     found: dict[str, Any] = {}
 
     for label, chosen in (("all", np.ones(len(pool), dtype=bool)), ("hard", detours(pool) > HARD)):
@@ -272,7 +272,7 @@ def _paper(entrant: PolicyResult, pool: SceneSet) -> list[dict[str, Any]]:
         won: list[SceneSetResults] = [
             each for each in entrant.episodes["paper"] if each.is_success[n]
         ]
-        ratios = [float(each.distance[n] / each.oracle_distance[n]) for each in won]
+        ratios = [float(each.ratios[n]) for each in won]
         return {
             "target_db": float(pool.target_db[n]),
             "successes": len(won),

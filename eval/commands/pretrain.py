@@ -3,13 +3,14 @@
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from tyro.conf import Positional, arg
 
+from agents.registry import ALGORITHMS
 from agents.rollout.episode import arguments_of
 from agents.runs.manifest import GeneralistEntry
 from agents.runs.pretrained import (
@@ -27,29 +28,31 @@ from eval.scoreboard.results import Result, find_runs, read_results, tell_left_o
 from eval.unseen.policy_results import find_generalists
 from irs_gym.radio.scene import scene_names
 
+# All but the tables of one's own that act in one scene; networks of our own before those of SB3.
+_BY_TRACK = sorted(
+    ALGORITHMS, key=lambda name: (ALGORITHMS[name].track != "scene", ALGORITHMS[name].is_sb3)
+)
+if TYPE_CHECKING:
+    Kept = str
+else:
+    Kept = Literal[
+        tuple(name for name in _BY_TRACK if ALGORITHMS[name].is_sb3 or ALGORITHMS[name].is_taught)
+    ]
+
 
 def main(
     folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
     out: Path = MODELS,
-    algorithms: tuple[
-        Literal[
-            "ppo",
-            "maskable_ppo",
-            "dqn",
-            "qr_dqn",
-            "planner",
-            "planner_ppo",
-            "unet",
-            "unet_ppo",
-            "vin",
-            "explorer",
-            "explorer_ppo",
-            "map_ppo",
-            "local_ppo",
-            "recurrent_ppo",
-        ],
-        ...,
-    ] = ("ppo", "dqn", "planner", "planner_ppo", "unet", "unet_ppo", "explorer", "explorer_ppo"),
+    algorithms: tuple[Kept, ...] = (
+        "ppo",
+        "dqn",
+        "planner",
+        "planner_ppo",
+        "unet",
+        "unet_ppo",
+        "explorer",
+        "explorer_ppo",
+    ),
 ) -> int:
     """Keep the best policy of each algorithm on each problem among all runs below a folder.
 

@@ -16,7 +16,7 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from agents.policies.model_file import read_network
-from agents.registry import GENERALISTS
+from agents.registry import generalists
 from agents.rollout.episode import evaluation_env
 from agents.rollout.scene_set import play_scene_set
 from agents.runs import provenance
@@ -146,7 +146,7 @@ def _open(name: str) -> Run | Player:
     """A run folder, or what plays unseen scenes without one."""
     if name in UNSEEN_REFERENCES:
         return reference(name)
-    if name in GENERALISTS and not Path(name).exists():
+    if name in generalists() and not Path(name).exists():
         return Player(name, partial(play_scene_set, load_pretrained(name).policy))
     if name.endswith(".npz"):
         return Player(name, partial(play_scene_set, read_network(Path(name).read_bytes())))

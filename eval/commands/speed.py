@@ -2,7 +2,6 @@
 
 import json
 import os
-import platform
 import sys
 from dataclasses import asdict, dataclass
 from importlib import metadata
@@ -118,7 +117,7 @@ def measure_speeds(rounds: int, seconds: float, repeats: int) -> dict[str, Any]:
     return {
         "format_version": 1,
         "machine": {
-            "cpu": _cpu(),
+            "cpu": provenance.processor(),
             "cores": os.cpu_count(),
             "load_before": load,
             "load_after": os.getloadavg()[0],
@@ -166,17 +165,6 @@ def judge(rates: dict[str, Rates], found: list[EventCost]) -> list[Bar]:
     )
 
     return bars
-
-
-def _cpu() -> str:
-    """The processor's name, where the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
 
 
 def _peer_versions() -> dict[str, str]:

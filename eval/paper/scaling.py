@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.runs import provenance
 from irs_gym import RadioMap, build_radio_map, load_scene, shortest_path
 from irs_gym.grid import Cell
 
@@ -204,7 +205,7 @@ def measure_all(
 
     packages = {name: version(name) for name in ("numpy", "scipy", "networkx", "scikit-image")}
     machine = {
-        "processor": _processor(),
+        "processor": provenance.processor(),
         "cores": os.cpu_count(),
         "python": platform.python_version(),
         **packages,
@@ -219,14 +220,6 @@ def _in_a_process(task: str, side: int) -> ScalingCost:
     on_start = (signal.SIGINT, signal.SIG_DFL)  # a Ctrl-C ends it without a traceback
     with ProcessPoolExecutor(1, context, signal.signal, on_start) as pool:
         return pool.submit(measure_task, task, side).result()
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        return next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
 
 
 def read_costs(path: Path) -> tuple[dict[str, Any], list[ScalingCost]]:

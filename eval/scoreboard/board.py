@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from agents.registry import specialists
 from agents.rollout.episode import EpisodeResult, evaluation_env
 from agents.runs.problem import Problem
 from eval import statistics
@@ -14,7 +15,6 @@ from eval.scoreboard.learning_curves import draw_curves
 from eval.scoreboard.overlay import draw_path_overlay
 from eval.scoreboard.results import Group, LeftOut, Result
 from eval.scoreboard.seed_scores import (
-    TITLES,
     SeedScores,
     group_names,
     learned,
@@ -80,7 +80,7 @@ def _names(results: Sequence[Result], left_out: Sequence[LeftOut]) -> dict[Group
 
 def _by_group(results: Sequence[Result], names: Mapping[Group, str]) -> dict[Group, list[Result]]:
     """Results of each group by their seeds; the groups in the order of their algorithms."""
-    order = {name: n for n, name in enumerate(TITLES)}
+    order = {name: n for n, name in enumerate(specialists())}
     groups = sorted(
         names, key=lambda each: (order[each.algorithm], names[each], each.problem.order)
     )

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.registry import Algorithm
 from agents.rollout.episode import TOLERANCE, EpisodeResult, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.problem import Problem, problem_of
@@ -89,7 +88,7 @@ class Group:
     """Runs that differ in the seed alone: one problem, one algorithm, and the same settings."""
 
     problem: Problem
-    algorithm: Algorithm
+    algorithm: str
     settings: str  # JSON of all that is no part of the problem, such as {"agent.gamma": 0.98}
 
     @classmethod

@@ -56,7 +56,7 @@ def score(policy: str, episodes: Sequence[EpisodeResult]) -> PolicyScore:
         episodes=len(episodes),
         success=len(successes) / len(episodes),
         distance=_mean([each.distance for each in successes]),
-        ratio=_mean([each.distance / each.oracle_distance for each in successes]),
+        ratio=_mean([each.ratio for each in successes if each.ratio is not None]),
         spl=float(np.mean([each.spl for each in episodes])),
         soft_spl=float(np.mean([each.soft_spl for each in episodes])),
         refused=float(np.mean([each.refused for each in episodes])),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.registry import Algorithm
+from agents.registry import ALGORITHMS
 from agents.rollout.episode import EpisodeResult, evaluation_env
 from eval.estimates import estimate_as_json
 from eval.scoreboard.results import Group, Result
@@ -24,13 +24,6 @@ from eval.statistics import (
     share,
 )
 
-TITLES: dict[Algorithm, str] = {
-    "ppo": "PPO",
-    "maskable_ppo": "MaskablePPO",
-    "dqn": "DQN",
-    "qr_dqn": "QR-DQN",
-    "q_learning": "Q-learning",
-}
 AGGREGATES = {"mean": mean, "iqm": interquartile_mean, "gap": optimality_gap}
 METRICS: dict[str, Callable[[EpisodeResult], float]] = {
     "spl": lambda episode: episode.spl,
@@ -148,7 +141,7 @@ def group_names(groups: Sequence[Group]) -> dict[Group, str]:
                 f"{name.partition('.')[2]} {value}"
                 for name, value in _differences(group, usual).items()
             ]
-            names[group] = ", ".join([TITLES[algorithm], *words])
+            names[group] = ", ".join([ALGORITHMS[algorithm].title, *words])
 
     return names
 

@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from rich.progress import track
 
-from agents.registry import LOCAL
+from agents.registry import ALGORITHMS, observation_of
 from agents.rollout.scene_set import SceneSetResults
 from agents.runs.manifest import GeneralistEntry
 from agents.runs.run_folder import Run, RunError
@@ -28,17 +28,7 @@ from irs_gym.files import read_arrays, write_file
 
 Track = Literal["map", "local"]
 USUAL_SCENES = 3000
-TITLES = {
-    "planner": "planning network, imitation",
-    "planner_ppo": "planning network, PPO alone",
-    "unet": "U-Net, imitation",
-    "unet_ppo": "U-Net, imitation, then PPO",
-    "vin": "value-iteration network, imitation",
-    "map_ppo": "PPO (SB3), convolutional",
-    "explorer": "explorer: imitation with memory",
-    "explorer_ppo": "explorer: PPO with memory",
-    "local_ppo": "PPO (SB3)",
-    "recurrent_ppo": "RecurrentPPO (sb3-contrib)",
+REFERENCE_TITLES = {
     "replanning": "optimistic replanning",
     "untrained_explorer": "explorer, untrained",
     "greedy": "greedy (octile)",
@@ -164,7 +154,7 @@ def result_of_runs(
     finally:
         threads.shutdown(wait=False, cancel_futures=True)  # a Ctrl-C does not wait for them
 
-    order = list(TITLES)
+    order = list(ALGORITHMS)
     entrants = [_result_of_group(groups, key) for key in groups]
     entrants.sort(key=lambda each: (order.index(each.algorithm), each.name, each.scenes or 0))
 
@@ -180,7 +170,7 @@ def _result_of_group(groups: PlayedGroups, key: tuple[str, str]) -> PolicyResult
 
     return PolicyResult(
         algorithm=algorithm,
-        name=", ".join([TITLES[algorithm], *_differences(json.loads(settings), others)]),
+        name=", ".join([ALGORITHMS[algorithm].title, *_differences(json.loads(settings), others)]),
         track=track_of(algorithm),
         scenes=first.config.env["num_scenes"],
         runs=tuple(run for run, _ in found),
@@ -195,7 +185,7 @@ def result_of_reference(name: str, pools: Mapping[str, SceneSet], folder: Path) 
         each: [kept(folder / f"{name}-{each}.npz", pool, "", player)]
         for each, pool in pools.items()
     }
-    return PolicyResult(name, TITLES[name], "local", None, (), episodes)
+    return PolicyResult(name, REFERENCE_TITLES[name], "local", None, (), episodes)
 
 
 def is_point(algorithm: str, scenes: int | None) -> bool:
@@ -205,7 +195,7 @@ def is_point(algorithm: str, scenes: int | None) -> bool:
 
 def track_of(algorithm: str) -> Track:
     """What an algorithm's policies see."""
-    return "local" if algorithm in LOCAL else "map"
+    return "map" if observation_of(algorithm) == "map" else "local"
 
 
 def kept(file: Path, pool: SceneSet, model: str, player: Player) -> SceneSetResults:

@@ -16,6 +16,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from agents.learning.local_configs import ExplorerConfig
+from agents.learning.map_configs import network_settings
+from agents.learning.map_learner import first_network
 from agents.policies.explorer_policy import Explorer
 from agents.policies.heuristics import RULES
 from agents.policies.replanning import Replanner
@@ -112,7 +114,7 @@ def explore_untrained(pool: SceneSet) -> SceneSetResults:
     """
     config = ExplorerConfig()
     torch.manual_seed(0)
-    return play_scene_set(Explorer(config.shape, config.build_network()), pool)
+    return play_scene_set(Explorer(network_settings(config), first_network(config)), pool)
 
 
 def apply(name: str, pool: SceneSet) -> SceneSetResults:
@@ -132,7 +134,7 @@ def score_of(episodes: SceneSetResults, chosen: NDArray[np.bool_] | None = None)
         return UnseenScore(0, None, None, None, None)
 
     success = episodes.is_success[chosen]
-    ratio = (episodes.distance / episodes.oracle_distance)[chosen]
+    ratio = episodes.ratios[chosen]
 
     return UnseenScore(
         scenes=int(chosen.sum()),

@@ -1,6 +1,4 @@
-"""The head of a split: its first scenes, a hundred at a time from the cache or built, in several
-processes at once.
-"""
+"""`build_shards`: the first scenes of a split, a hundred at a time, from the cache or built."""
 
 import os
 import subprocess
@@ -15,7 +13,7 @@ from irs_gym.datasets.cache import read_cached, write_cached
 from irs_gym.datasets.shard import Shard, build_shard, definition_of
 from irs_gym.datasets.splits import split_of
 
-SHARD_SCENES = 100  # scenes; what is built in one go, and kept in one file
+SHARD_SCENES = 100  # what is built in one go, and kept in one file
 
 
 def build_shards(
@@ -31,54 +29,53 @@ def build_shards(
             f"jobs={jobs} must be 1 or more processes, or None for as many as there are processors"
         )
 
-    blocks = {
-        first: _recalled(folder, split, first, min(SHARD_SCENES, count - first))
-        for first in range(0, count, SHARD_SCENES)
-    }
-    ready = sum(min(SHARD_SCENES, count - first) for first, block in blocks.items() if block)
-    if ready < count:
-        missing = {
-            first: min(SHARD_SCENES, count - first) for first, block in blocks.items() if not block
-        }
+    # by the number of each shard's first scene; the last one may be smaller
+    sizes = {first: min(SHARD_SCENES, count - first) for first in range(0, count, SHARD_SCENES)}
+    shards = {first: _from_cache(folder, split, first, size) for first, size in sizes.items()}
+
+    missing = {first: size for first, size in sizes.items() if not shards[first]}
+    ready = count - sum(missing.values())
+    if missing:
         title = f"{split} scenes, built once"
         hidden = None if progress is None else not progress
 
         with tqdm(
             total=count, initial=ready, desc=title, unit="scene", delay=1.0, disable=hidden
         ) as bar:
-            for first, block in _built(
-                split, missing, min(len(missing), jobs or _processors()), bar.update
-            ):
-                blocks[first] = block
+            processes = min(len(missing), jobs or _processors())
+            # Each is kept as soon as it is there: a build that is interrupted goes on from there.
+            for first, shard in _built(split, missing, processes, bar.update):
+                shards[first] = shard
                 definition = definition_of(split, first, missing[first])
-                write_cached(folder, file_of(definition, split, first), block.to_bytes(definition))
+                write_cached(folder, file_of(definition, split, first), shard.to_bytes(definition))
 
-    return Shard.joined([block for block in blocks.values() if block], count)
+    return Shard.joined([shard for shard in shards.values() if shard], count)
 
 
 def _built(
-    split: str, missing: Mapping[int, int], jobs: int, told: Callable[[int], Any]
+    split: str, missing: Mapping[int, int], jobs: int, report: Callable[[int], Any]
 ) -> Iterator[tuple[int, Shard]]:
-    """Each missing block by its first scene; ``told`` how many more scenes there are."""
+    """Each missing shard by its first scene; ``report`` is called with how many scenes are new."""
     if jobs == 1:
         for first, count in missing.items():
-            yield first, build_shard(split, first, count, lambda: told(1))
+            yield first, build_shard(split, first, count, lambda: report(1))
 
         return
 
+    # Each thread waits for a process of its own. Where that fails, this process builds the shard.
     threads = ThreadPoolExecutor(jobs)
     try:
         waiting = {threads.submit(built_elsewhere, split, *each): each for each in missing.items()}
         for done in as_completed(waiting):
             first, count = waiting[done]
             yield first, done.result() or build_shard(split, first, count)
-            told(count)
+            report(count)
     finally:
         threads.shutdown(cancel_futures=True)
 
 
 def built_elsewhere(split: str, first: int, count: int) -> Shard | None:
-    """The block, built in a process of its own; None where that fails.
+    """The shard, built in a process of its own; None where that fails.
 
     The process is a plain one of this module's own and not one of `multiprocessing`, which would
     run a script without a main guard again in each.
@@ -97,9 +94,9 @@ def built_elsewhere(split: str, first: int, count: int) -> Shard | None:
         return None
 
 
-def _recalled(folder: Path | None, split: str, first: int, count: int) -> Shard | None:
-    """The block from the cache, or the head of a whole one; None where it holds neither, or
-    damaged.
+def _from_cache(folder: Path | None, split: str, first: int, count: int) -> Shard | None:
+    """The shard from the cache, or the first scenes of a larger one; None where it holds neither,
+    or a damaged one.
     """
     for size in dict.fromkeys((SHARD_SCENES, count)):
         if first + size > split_of(split).size:
@@ -118,11 +115,12 @@ def _recalled(folder: Path | None, split: str, first: int, count: int) -> Shard 
 
 
 def file_of(definition: str, split: str, first: int) -> str:
-    """Name of a block's file, after a hash of all that its content depends on."""
+    """Name of a shard's file, after a hash of all that its content depends on."""
     return f"{split}-{first}-{sha256(definition.encode()).hexdigest()[:16]}.npz"
 
 
 def _processors() -> int:
+    """Processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

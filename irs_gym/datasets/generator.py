@@ -1,6 +1,4 @@
-"""`generate_scene`: factories drawn at random, each with a task that can be solved, graded by its
-detour.
-"""
+"""`generate_scene`: factories drawn at random, each with a task that can be solved."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,7 +26,9 @@ from irs_gym.radio.scene import (
 )
 from irs_gym.units import wavelength_m
 
-VERSION = 1  # of what is drawn from a seed, and of its map: whoever changes either makes other scenes of all seeds
+# Of what is drawn from a seed, and of its map. Whoever changes either makes other scenes of all
+# seeds, and raises it.
+VERSION = 1
 
 CELL_SIZE = 0.5  # metres: of the map that makes a scene feasible
 RASTER = 0.25  # metres: edges of boxes
@@ -53,7 +53,15 @@ _ELEMENTS: dict[Panels, tuple[Range, ...]] = {  # of each panel
 
 @dataclass(frozen=True, kw_only=True)
 class Difficulty:
-    """What scenes are drawn from. Raises ``ValueError`` where a value is out of its range."""
+    """What scenes are drawn from. Raises ``ValueError`` where a value is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> small = Difficulty(sides=(8.0, 10.0), boxes=(1, 2), detour_share=0.0)
+    >>> len(generate_scene(np.random.default_rng(1), small).obstacles) in (1, 2)
+    True
+    """
 
     sides: tuple[float, float] = (14.0, 20.0)
     """Least and greatest side of the room in metres."""
@@ -126,6 +134,13 @@ def generate_scene(rng: np.random.Generator, difficulty: str | Difficulty = "def
     ValueError
         Where there is no such difficulty, ``rng`` is no generator, or no scene of that difficulty
         was found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> scene = generate_scene(np.random.default_rng(1), "easy")
+    >>> scene == generate_scene(np.random.default_rng(1), "easy")
+    True
     """
     return draw_solved_scene(rng, difficulty).scene
 
@@ -143,14 +158,14 @@ def draw_solved_scene(
 
     if not isinstance(rng, np.random.Generator) or not isinstance(difficulty, Difficulty):
         raise ValueError(
-            f"rng={rng!r} must be a numpy.random.Generator, difficulty={difficulty!r} a name or a Difficulty"
+            f"rng={rng!r} must be a numpy.random.Generator, "
+            f"difficulty={difficulty!r} a name or a Difficulty"
         )
 
     # decided before anything is rejected, so that the share is kept
     detour = difficulty.detour if rng.random() < difficulty.detour_share else 0.0
-    for _ in range(
-        FACTORIES
-    ):  # degenerate factories, and those without such a task, are drawn anew
+    # degenerate factories, and those without such a task, are drawn anew
+    for _ in range(FACTORIES):
         scene = _draw_factory(rng, difficulty)
         found = None if scene is None else _draw_task(rng, scene, detour)
         if found is not None:
@@ -171,6 +186,7 @@ def least_distance(room: Room) -> float:
 
 def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
     """A factory with some start and goal in it; None for a degenerate one."""
+    # Every draw below moves the generator on: their order is part of what a seed means.
     half_x = _step(rng, *level.sides, 0.5) / 2
     half_y = _step(rng, *level.sides, 0.5) / 2
     room = Room(
@@ -185,6 +201,7 @@ def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
     )
     phase_bits = (None, 1, 2, 3)[_whole(rng, 0, 3)] if panels else None
 
+    # Degenerate: too little floor, or an antenna behind a box. A panel counts by its lower edge.
     mounted = [
         access_point.position,
         *((*each.position[:2], each.position[2] - _half_height(each)) for each in panels),
@@ -240,6 +257,7 @@ def _draw_panel(rng: np.random.Generator, room: Room, wall: Wall, elements: Rang
     pitch = _paper().irs_panels[0].pitch_wavelengths
     total = -1
 
+    # drawn until the number of elements fits
     while not elements[0] <= total <= elements[1]:
         shape = _whole(rng, 2, 20), _whole(rng, 2, 10), _whole(rng, 1, 2), _whole(rng, 5, 20)
         total = shape[0] * shape[1] * shape[2] * shape[3]
@@ -253,6 +271,8 @@ def _draw_panel(rng: np.random.Generator, room: Room, wall: Wall, elements: Rang
         elements_per_subsurface=(each[0], each[1]),
         pitch_wavelengths=pitch,
     )
+
+    # heights at which it fits, in tenths of a metre
     clearance = 0.2 + _half_height(panel)
     low = ceil(10 * max(1.5, clearance)) / 10
     high = floor(10 * (room.height - clearance)) / 10
@@ -306,7 +326,8 @@ def _floor(grid: Grid, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
 def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> SolvedScene | None:
     """The factory with a task whose detour is above the one given; None where none was found."""
     radio_map = build_radio_map(factory, CELL_SIZE)
-    floor_cells = _floor(radio_map.grid, factory.obstacles)
+    floor_cells = _floor(radio_map.grid, factory.obstacles)  # (X, Y)
+    # the highest target that excludes no cell of the floor
     loosest = float(radio_map.gain_db[floor_cells].min())
     cells = np.argwhere(floor_cells)
 
@@ -319,7 +340,7 @@ def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> Solve
         if highest - loosest < LEAST_RANGE_DB:
             continue
 
-        # rounded down, so that it stays feasible
+        # between the loosest and the highest feasible one; rounded down, so that it stays feasible
         target_db = floor(100 * (loosest + rng.random() * (highest - loosest))) / 100
         start, goal = (radio_map.grid.centre(end) for end in ends)
         scene = factory.model_copy(update={"start": start, "goal": goal, "target_db": target_db})

@@ -1,13 +1,11 @@
-"""`RandomTask`: the arguments of an environment over many scenes, checked, and `Worlds`: all that
-they fix.
-"""
+"""`RandomTask`: what is asked of an environment over many scenes, `Worlds`: all that it fixes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from operator import index
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -15,17 +13,30 @@ from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
 from irs_gym.datasets.splits import split_of
 from irs_gym.grid import Grid
 from irs_gym.mdp.dynamics import check_bonus, potential
-from irs_gym.mdp.task import Constraint, Observation, Task, World, checked_fields, is_integer
+from irs_gym.mdp.task import (
+    Constraint,
+    Observation,
+    Rules,
+    Task,
+    World,
+    checked_fields,
+    is_integer,
+)
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene, load_scenes
 
 
 @dataclass(frozen=True, kw_only=True)
 class RandomTask:
-    """What `IrsNavRandom-v0` is made of; each field is an argument of `gymnasium.make`. All have
+    """What is asked of `IrsNavRandom-v0`; each field is an argument of `gymnasium.make`. All have
     defaults.
 
     Raises ``ValueError`` where a value is out of its range; the message names the field.
+
+    Examples
+    --------
+    >>> RandomTask(num_scenes=3).rules.constraint
+    'refuse'
     """
 
     split: str = "train"
@@ -54,11 +65,12 @@ class RandomTask:
     """Reward at the goal, in metres."""
 
     def __post_init__(self) -> None:
-        _ = self.common  # checks the fields of each scene's task
+        _ = self.rules  # checks the fields that are the robot's
         size = split_of(self.split).size
         if not is_integer(self.num_scenes) or not 1 <= self.num_scenes <= size:
             raise ValueError(
-                f"num_scenes={self.num_scenes!r} must be a number from 1 to {size}, the scenes of {self.split!r}"
+                f"num_scenes={self.num_scenes!r} must be a number from 1 to {size}, "
+                f"the scenes of {self.split!r}"
             )
         if self.scenes is None:
             return
@@ -70,30 +82,45 @@ class RandomTask:
         ]
         if given:
             raise ValueError(
-                f"{', '.join(given)} cannot be given along with scenes, which takes the place of a split"
+                f"{', '.join(given)} cannot be given along with scenes, "
+                "which takes the place of a split"
             )
 
         if not isinstance(self.scenes, str | Path | SceneSet):
-            object.__setattr__(self, "scenes", _scenes(self.scenes))
+            object.__setattr__(self, "scenes", _read_scenes(self.scenes))
 
     @cached_property
-    def common(self) -> Task:
-        """What the tasks of all scenes have in common."""
-        shared = {each.name for each in fields(Task)} & {each.name for each in fields(self)}
-        return Task(irs_phases=False, **{name: getattr(self, name) for name in shared})
+    def rules(self) -> Rules:
+        """The robot's part of the task, the same in all scenes; it is told no phase shifts."""
+        own = {each.name for each in fields(self)} & {each.name for each in fields(Rules)}
+        return Rules(irs_phases=False, **{name: getattr(self, name) for name in own})
 
     def __deepcopy__(self, memo: Any) -> "RandomTask":
         return self  # frozen, and so are its scenes
 
 
-def random_task_of(arguments: dict[str, Any], owner: str = "RandomTask") -> RandomTask:
+class RandomTaskArguments(TypedDict, total=False):
+    """The fields of `RandomTask` as keyword arguments, for type checkers and editors."""
+
+    split: str
+    num_scenes: int
+    scenes: str | Path | Sequence[Scene | Mapping[str, Any]] | SceneSet | None
+    observation: Observation
+    patch_radius: int
+    constraint: Constraint
+    random_start: float
+    shaping: bool
+    goal_bonus: float
+
+
+def random_task_of(arguments: Mapping[str, Any], owner: str = "RandomTask") -> RandomTask:
     """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an
     unknown one.
     """
     return RandomTask(**checked_fields(RandomTask, arguments, owner))
 
 
-def _scenes(scenes: Any) -> tuple[Scene, ...]:
+def _read_scenes(scenes: Any) -> tuple[Scene, ...]:
     if not isinstance(scenes, Sequence) or not all(
         isinstance(each, Scene | Mapping) for each in scenes
     ):
@@ -118,14 +145,15 @@ class Worlds:
         return _world(self, number)
 
     def number_of(self, scene_id: Any) -> int:
-        """Number of a scene from its name or number; a ``ValueError`` tells what names there are."""
+        """Number of a scene from its name or number; a ``ValueError`` tells what there is."""
         names = self.pool.names
         if isinstance(scene_id, str):
             if names.count(scene_id) == 1:
                 return names.index(scene_id)
             if scene_id in names:
                 raise ValueError(
-                    f"scene_id={scene_id!r} is the name of {names.count(scene_id)} scenes: give a number"
+                    f"scene_id={scene_id!r} is the name of {names.count(scene_id)} scenes: "
+                    "give a number"
                 )
         else:
             try:
@@ -138,7 +166,8 @@ class Worlds:
 
         some = ", ".join(map(repr, names[:3])) + (f" ... {names[-1]!r}" if len(names) > 3 else "")
         raise ValueError(
-            f"scene_id={scene_id!r} must be a name of a scene ({some}) or a number from 0 to {len(names) - 1}"
+            f"scene_id={scene_id!r} must be a name of a scene ({some}) "
+            f"or a number from 0 to {len(names) - 1}"
         )
 
     def choose(self, scene_id: Any, rng: np.random.Generator) -> int:
@@ -175,13 +204,15 @@ def _build_worlds(task: RandomTask) -> Worlds:
     elif task.scenes is None:
         pool = build_scene_set(task.split, task.num_scenes)
     else:
-        pool = scene_set_of(task.scenes)  # type: ignore[arg-type]  # a folder has been read
+        pool = scene_set_of(_read_scenes(task.scenes))
 
-    offsets = pool.start - pool.goal
-    worst = int(np.argmax(pool.oracle_distance + potential(task.common, offsets, pool.cell_size)))
+    # Where giving up pays in none of the scenes, it does not in the one of the longest detour.
+    offsets = pool.start - pool.goal  # (S, 2) cells
+    detour = pool.oracle_distance + potential(task.rules, offsets, pool.cell_size)  # (S,)
+    worst = int(np.argmax(detour))
 
     try:
-        check_bonus(task.common, float(pool.oracle_distance[worst]), offsets[worst], pool.cell_size)
+        check_bonus(task.rules, float(pool.oracle_distance[worst]), offsets[worst], pool.cell_size)
     except ValueError as error:
         raise ValueError(f"scene {pool.names[worst]!r}: {error}") from None
 
@@ -193,12 +224,13 @@ def _world(worlds: Worlds, number: int) -> World:
     pool = worlds.pool
     scene = pool.scenes[number] if len(pool.scenes) else None
     grid = Grid(pool.shape, pool.cell_size, scene.room.lower if scene else (0.0, 0.0))
-    task = replace(
-        worlds.task.common, target_db=float(pool.target_db[number]), cell_size=pool.cell_size
-    )
+    target_db = float(pool.target_db[number])
+    rules = {each.name: getattr(worlds.task.rules, each.name) for each in fields(Rules)}
+    radio: dict[str, Any] = {"scene": scene, "phase_bits": scene.phase_bits} if scene else {}
 
     return World(
-        task=replace(task, scene=scene, phase_bits=scene.phase_bits) if scene else task,
+        task=Task(target_db=target_db, cell_size=pool.cell_size, **rules, **radio),
+        target_db=target_db,
         scene=scene,
         radio_map=RadioMap(pool.gain_db[number], grid=grid),
         start=(int(pool.start[number, 0]), int(pool.start[number, 1])),

@@ -1,6 +1,4 @@
-"""`symmetries`: a scene's eight images under mirrors and transposition; `scene_hash`: what all of
-them share.
-"""
+"""`scene_hash`: what a scene and its images in mirrors share; `symmetries`: those eight images."""
 
 import json
 from hashlib import sha256
@@ -30,6 +28,7 @@ def scene_hash(scene: Scene) -> str:
     Equal for all of `symmetries`, for any order of boxes, access points and panels, and for nothing
     else.
     """
+    # of the eight images' texts the first in the order of the alphabet, the same for all of them
     texts = (json.dumps(_canonical(image), sort_keys=True) for image in symmetries(scene))
     return sha256(min(texts).encode()).hexdigest()
 
@@ -39,13 +38,15 @@ def _centre(room: Room) -> Point2:
 
 
 def _image(scene: Scene, is_transposed: bool, is_mirrored_x: bool, is_mirrored_y: bool) -> Scene:
-    room, (centre_x, centre_y) = scene.room, _centre(scene.room)
+    room = scene.room
+    centre_x, centre_y = _centre(room)
 
     def moved(point: Any) -> Any:
         """The image of a point; a height stays."""
         x = point[0] - centre_x
         y = point[1] - centre_y
-        x, y = (y, x) if is_transposed else (x, y)
+        if is_transposed:
+            x, y = y, x
 
         return (
             centre_x + (-x if is_mirrored_x else x),
@@ -62,6 +63,7 @@ def _image(scene: Scene, is_transposed: bool, is_mirrored_x: bool, is_mirrored_y
         is_mirrored = is_mirrored_x if axis == "x" else is_mirrored_y
         return f"{axis}_{ {'min': 'max', 'max': 'min'}[end] if is_mirrored else end }"
 
+    # mirrored, the lower corner may be an upper one
     corners = [moved(room.lower), moved(room.upper)]
     (x_min, x_max), (y_min, y_max) = (sorted(values) for values in zip(*corners, strict=True))
 
@@ -107,9 +109,11 @@ def _canonical(scene: Scene) -> Any:
     ):
         data[parts] = [{**part, place: _from(centre, part[place])} for part in data[parts]]
 
-    data["start"], data["goal"] = _from(centre, scene.start), _from(centre, scene.goal)
+    data["start"] = _from(centre, scene.start)
+    data["goal"] = _from(centre, scene.goal)
     data = _rounded(data)
 
+    # in an order that depends on nothing but what the parts are
     for parts in ("obstacles", "access_points", "irs_panels"):
         data[parts].sort(key=lambda part: json.dumps(part, sort_keys=True))
 

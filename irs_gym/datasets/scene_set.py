@@ -1,6 +1,4 @@
-"""`SceneSet`: many scenes with their radio maps and distances to go, stacked in arrays of one
-shape.
-"""
+"""`SceneSet`: many scenes with their radio maps and distances to go, in arrays of one shape."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -21,9 +19,8 @@ from irs_gym.grid import as_cell
 from irs_gym.memory import check_memory, freeze, frozen
 from irs_gym.radio.scene import Scene
 
-_CELL_BYTES = (
-    50  # for each cell of each scene, at the most: maps, rules, and blocks before they are joined
-)
+# For each cell of each scene, at the most: maps, rules, and shards before they are joined.
+_CELL_BYTES = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +83,7 @@ class SceneSet:
 
     @cached_property
     def oracle_distance(self) -> NDArray[np.float64]:
-        """Length in metres of the shortest feasible path from each scene's start, shape ``(S,)``."""
+        """Length in metres of the shortest feasible path from each start, shape ``(S,)``."""
         return frozen(self.distance_to_go[np.arange(len(self)), self.start[:, 0], self.start[:, 1]])
 
 
@@ -97,7 +94,7 @@ def scene_set_of(
     cell_size: float = 0.5,
     frame: tuple[int, int] | None = None,
 ) -> SceneSet:
-    """Pool of given scenes.
+    """Scene set of given scenes.
 
     Parameters
     ----------
@@ -117,7 +114,7 @@ def scene_set_of(
         names the scene and, where there is one, its highest feasible target.
     """
     if not scenes:
-        raise ValueError("scenes is empty: a pool needs one or more")
+        raise ValueError("scenes is empty: a scene set needs one or more")
 
     names = tuple(scene.name for scene in scenes) if names is None else tuple(names)
     if len(names) != len(scenes):
@@ -125,6 +122,7 @@ def scene_set_of(
             f"names has {len(names)} entries for {len(scenes)} scenes: one for each is needed"
         )
 
+    # Shapes first, which cost nothing: a scene that is too large is refused before maps are built.
     shapes = np.array(
         [_shape(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)]
     )
@@ -150,7 +148,7 @@ def build_scene_set(
     progress: bool | None = None,
     cache: str | Path | None = None,
 ) -> SceneSet:
-    """Pool of the first scenes of a split, so that a smaller pool is the head of a larger.
+    """Scene set of the first scenes of a split: a smaller one is the beginning of a larger one.
 
     Scenes are built by the hundred, in several processes where there are more, and kept in a cache,
     from which they are read the next time; a damaged file there is built anew.
@@ -183,13 +181,14 @@ def build_scene_set(
             f"num_scenes={num_scenes!r} must be a number from 1 to {size}, the scenes of {split!r}"
         )
 
+    # refused here where it would not fit, before hours of building
     _check_memory(int(count), split_of(split).frame, f"num_scenes={count}")
     folder = cache_folder() if cache is None else Path(cache)
-    block = build_shards(split, int(count), jobs=jobs, progress=progress, folder=folder)
-    texts = block.texts.tolist()
+    shard = build_shards(split, int(count), jobs=jobs, progress=progress, folder=folder)
+    texts = shard.texts.tolist()
     check_frozen(split, texts)
 
-    return _scene_set(_Texts(texts), tuple(f"{split}-{n}" for n in range(count)), block, CELL_SIZE)
+    return _scene_set(_Texts(texts), tuple(f"{split}-{n}" for n in range(count)), shard, CELL_SIZE)
 
 
 class _Texts(Sequence[Scene]):
@@ -208,10 +207,10 @@ class _Texts(Sequence[Scene]):
 
 
 def _scene_set(
-    scenes: Sequence[Scene], names: tuple[str, ...], block: Shard, cell_size: float
+    scenes: Sequence[Scene], names: tuple[str, ...], shard: Shard, cell_size: float
 ) -> SceneSet:
     arrays = {
-        each.name: getattr(block, each.name) for each in fields(block) if each.name != "texts"
+        each.name: getattr(shard, each.name) for each in fields(shard) if each.name != "texts"
     }
     return SceneSet(scenes=scenes, names=names, cell_size=cell_size, **arrays)
 

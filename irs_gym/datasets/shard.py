@@ -1,8 +1,7 @@
 """`Shard`: scenes in a row of one split, solved and stacked, as bytes of a file and back.
 
 ``python -m irs_gym.datasets.shard SPLIT FIRST COUNT`` writes the bytes of one to the standard
-output, for a program that has
-several built at once.
+output, for a program that has several built at once.
 """
 
 import json
@@ -38,7 +37,7 @@ class Shard:
 
     @classmethod
     def of(cls, solved: Sequence[SolvedScene], frame: tuple[int, int]) -> "Shard":
-        """Block of solved scenes, each map padded to the frame."""
+        """Shard of solved scenes, each map padded to the frame."""
         scenes = [each.scene for each in solved]
         return cls(
             texts=np.array([scene.model_dump_json().encode() for scene in scenes]),
@@ -55,11 +54,11 @@ class Shard:
         )
 
     @classmethod
-    def joined(cls, blocks: Sequence["Shard"], count: int) -> "Shard":
-        """The first ``count`` scenes of blocks in a row."""
+    def joined(cls, shards: Sequence["Shard"], count: int) -> "Shard":
+        """The first ``count`` scenes of shards in a row."""
         return cls(
             **{
-                name: np.concatenate([vars(each)[name] for each in blocks])[:count]
+                name: np.concatenate([vars(each)[name] for each in shards])[:count]
                 for name in _names()
             }
         )
@@ -74,23 +73,23 @@ class Shard:
 
     @classmethod
     def from_bytes(cls, content: bytes, definition: str) -> "Shard":
-        """Block of an archive; never unpickles. Raises ``ValueError`` for one that is damaged or
+        """Shard of an archive; never unpickles. Raises ``ValueError`` for one that is damaged or
         another's.
         """
         try:
             arrays = read_arrays(content, needed=["said", *_names()])
-            block = cls(**{name: arrays[name] for name in _names()})
-            if arrays["said"].tolist() != [definition.encode(), block._digest(definition)]:
+            shard = cls(**{name: arrays[name] for name in _names()})
+            if arrays["said"].tolist() != [definition.encode(), shard._digest(definition)]:
                 raise ValueError("it holds something else")
 
-            block._check(json.loads(definition))
+            shard._check(json.loads(definition))
         except ValueError as error:
-            raise ValueError(f"not the block {definition}: {error}") from None
+            raise ValueError(f"not the shard {definition}: {error}") from None
 
-        return block
+        return shard
 
     def _check(self, definition: dict[str, Any]) -> None:
-        """Refuse arrays of other shapes or types than a block has, and cells off its maps."""
+        """Refuse arrays of other shapes or types than a shard has, and cells off its maps."""
         count = definition["count"]
         frame = definition["frame"]
         shapes = {"gain_db": (count, *frame), "distance_to_go": (count, *frame), "irs": (count, 3)}
@@ -112,6 +111,8 @@ class Shard:
             raise ValueError("start, goal or target_db has a value that none can have")
 
     def _digest(self, definition: str) -> bytes:
+        """The SHA-256 of the definition and of all arrays, in hexadecimal digits."""
+        # types and shapes as well, so that no two different shards have the same bytes
         summed = sha256(definition.encode())
         for name in _names():
             array = vars(self)[name]
@@ -122,20 +123,24 @@ class Shard:
 
 
 def build_shard(
-    split: str, first: int, count: int, told: Callable[[], Any] = lambda: None
+    split: str, first: int, count: int, report: Callable[[], Any] = lambda: None
 ) -> Shard:
-    """The scenes ``first`` to before ``first + count`` of a split; ``told`` is called after each."""
+    """The scenes ``first`` to before ``first + count`` of a split.
+
+    ``report`` is called after each.
+    """
     solved = []
 
     for index in range(first, first + count):
         solved.append(solved_scene_of(split, index))
-        told()
+        report()
 
     return Shard.of(solved, split_of(split).frame)
 
 
 def definition_of(split: str, first: int, count: int) -> str:
-    """All that the content of a block depends on, in one line."""
+    """All that the content of a shard depends on, in one line."""
+    # the versions, so that a shard of older formulas or another generator is not taken for it
     chosen = split_of(split)
     return json.dumps(
         {

@@ -1,6 +1,4 @@
-"""`SolvedScene`: a scene with its radio map and the distances to its goal, so that its task is
-known to have a solution.
-"""
+"""`SolvedScene`: a scene with its radio map and the distances to its goal."""
 
 from dataclasses import dataclass
 
@@ -20,9 +18,8 @@ class SolvedScene:
 
     scene: Scene
     radio_map: RadioMap
-    distance_to_go: NDArray[
-        np.float64
-    ]  # (X, Y), metres over feasible cells; +inf where the goal cannot be reached
+    # (X, Y), metres over feasible cells; +inf where the goal cannot be reached
+    distance_to_go: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         freeze(self.distance_to_go)

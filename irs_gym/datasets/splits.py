@@ -1,6 +1,4 @@
-"""`SPLITS`: the sets of generated scenes that agents are trained and tested on, and each scene by
-its number.
-"""
+"""`SPLITS`: the sets of generated scenes that agents are trained and tested on."""
 
 import json
 from dataclasses import dataclass
@@ -33,9 +31,7 @@ class Split:
 
     @property
     def is_frozen(self) -> bool:
-        """Whether it never changes within a version of the environment, as sets do that scores are
-        told of.
-        """
+        """Whether it never changes within a version of the environment: scores are of such sets."""
         return self.number > 0
 
 
@@ -76,12 +72,13 @@ def solved_scene_of(split: str, index: int) -> SolvedScene:
     chosen = split_of(split)
     if not 0 <= index < chosen.size:
         raise ValueError(
-            f"index={index} must be a number from 0 to {chosen.size - 1}: {split!r} has no more scenes"
+            f"index={index} must be a number from 0 to {chosen.size - 1}: "
+            f"{split!r} has no more scenes"
         )
 
-    solved = draw_solved_scene(
-        np.random.default_rng((VERSION, chosen.number, index)), chosen.difficulty
-    )
+    # a seed of its own for each scene, so that any one can be drawn without those before it
+    rng = np.random.default_rng((VERSION, chosen.number, index))
+    solved = draw_solved_scene(rng, chosen.difficulty)
     scene = solved.scene.model_copy(update={"name": f"{split}-{index}"})
 
     return SolvedScene(scene, solved.radio_map, solved.distance_to_go)
@@ -101,8 +98,9 @@ def check_frozen(split: str, texts: list[bytes]) -> None:
     for index, (wanted, text) in enumerate(zip(frozen()[split].scenes, texts, strict=False)):
         if digest(text) != wanted:
             raise RuntimeError(
-                f"scene {split}-{index} is not the one that was frozen, drawn with NumPy {np.__version__}: scores on "
-                "it could not be compared with others. Install a version of NumPy from the time of this release"
+                f"scene {split}-{index} is not the one that was frozen, drawn with NumPy "
+                f"{np.__version__}: scores on it could not be compared with others. "
+                "Install a version of NumPy from the time of this release"
             )
 
 

@@ -1,9 +1,8 @@
-"""The proof that the frozen splits are what they were, and that no scene is in two splits, kept in
-``splits.json``.
+"""The check that the frozen splits are what they were, and that no scene is in two of them.
 
-``python -m irs_gym.datasets.verify_splits`` draws all frozen scenes, and as many of the training
-set as it is told, holds the former against what is kept of them, and looks for scenes that are in
-two places, turned or mirrored ones included.
+``python -m irs_gym.proof`` draws all frozen scenes, and as many of the training
+set as asked for, holds the former against what is kept of them in ``splits.json``, and looks for
+scenes that are in two places, turned or mirrored ones included.
 """
 
 # ruff: noqa: E402  # a Ctrl-C during the imports is to end in one line as well
@@ -13,7 +12,7 @@ import sys
 
 
 def _end(number: int, frame: object) -> None:
-    os.write(2, b"python -m irs_gym.datasets.verify_splits: interrupted\n")
+    os.write(2, b"python -m irs_gym.proof: interrupted\n")
     os._exit(128 + number)
 
 
@@ -68,7 +67,9 @@ def shared(scenes: Mapping[str, Iterable[Scene]]) -> list[tuple[str, str]]:
 
 
 def main() -> int:
-    """Draw, compare and tell; the exit status is 1 where a scene has changed or is in two places."""
+    """Draw, compare and tell; the exit status is 1 where a scene has changed or is in two
+    places.
+    """
     parser = argparse.ArgumentParser(prog="python -m irs_gym.proof", description=main.__doc__)
     parser.add_argument(
         "--train", type=int, default=10_000, help="training scenes to look among (10000)"
@@ -104,7 +105,8 @@ def main() -> int:
         print(f"{name}: {counts[name]:,} scenes, SHA-256 {entry['sha256']}")
 
     print(
-        f"{sum(counts.values()):,} scenes, of which {counts['train']:,} for training: {len(pairs)} are in two places"
+        f"{sum(counts.values()):,} scenes, of which {counts['train']:,} for training: "
+        f"{len(pairs)} are in two places"
     )
     for one, other in pairs:
         print(f"  {one} is {other}")

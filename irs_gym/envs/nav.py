@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -21,7 +21,7 @@ from irs_gym.mdp.checks import (
 )
 from irs_gym.mdp.dynamics import ACTIONS, Transition, check_task
 from irs_gym.mdp.snapshot import Snapshot
-from irs_gym.mdp.task import Task, World, build_world, task_of
+from irs_gym.mdp.task import Task, TaskArguments, World, build_world, shows_fields, task_of
 from irs_gym.oracle.shortest_path import Path
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.vector.infos import Infos, checked_keys
@@ -97,9 +97,15 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     ``infos`` may be a list of the keys that are wanted.
 
     ## Arguments
-    The fields of `irs_gym.mdp.task.Task`, ``infos``, and ``render_mode``: ``"rgb_array"`` or
-    ``"ansi"``; `gymnasium.make` knows ``"human"``, ``"rgb_array_list"`` and ``"ansi_list"`` as
-    well.
+    Those of the signature. `irs_gym.mdp.task.Task` says what each is, but for ``infos`` and
+    ``render_mode``: ``"rgb_array"`` or ``"ansi"``; `gymnasium.make` knows ``"human"``,
+    ``"rgb_array_list"`` and ``"ansi_list"`` as well.
+
+    >>> env = gymnasium.make("irs_gym:IrsNav-v0", target_db=-63.0)
+    >>> observation, info = env.reset(seed=0)
+    >>> observation, reward, terminated, truncated, info = env.step(1)  # north-east
+    >>> round(info["distance"], 3), round(env.unwrapped.oracle.distance, 3)
+    (0.707, 21.571)
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNav-v0", num_envs=n, ...)``.
@@ -111,13 +117,20 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     metadata: dict[str, Any] = METADATA
     spec = PlainSpec()
 
+    @shows_fields(Task)
     def __init__(
-        self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any
+        self,
+        *,
+        render_mode: str | None = None,
+        infos: Infos = "all",
+        **arguments: Unpack[TaskArguments],
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self._keys = checked_keys(infos)
         self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
+
+        # Before a reset there are spaces, a map and an oracle already, but no step.
         self._episode = Episode(self.world, self.world.start, self.world.goal, self._keys)
         self._episode.is_running = False
         self.observation_space = self._episode.observer.packing.space
@@ -243,7 +256,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         self.take_over(Snapshot.from_bytes(state))
 
     def take_over(self, snapshot: Snapshot, path: Sequence[Cell] = ()) -> None:
-        """Go on with an episode that another environment began, with its path where that is known."""
+        """Go on with an episode that another environment began, with its path where it is known."""
         self._episode = resume(self.world, snapshot, self._keys, path)
 
     def reset(

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -10,7 +10,13 @@ from gymnasium import spaces
 from gymnasium.wrappers import HumanRendering, RenderCollection
 from numpy.typing import NDArray
 
-from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.datasets.random_task import (
+    RandomTask,
+    RandomTaskArguments,
+    Worlds,
+    build_worlds,
+    random_task_of,
+)
 from irs_gym.envs.episode import Episode, begin, resume
 from irs_gym.grid import Cell
 from irs_gym.mdp.checks import (
@@ -22,10 +28,10 @@ from irs_gym.mdp.checks import (
 )
 from irs_gym.mdp.dynamics import ACTIONS, Transition
 from irs_gym.mdp.snapshot import Snapshot
-from irs_gym.mdp.task import World
+from irs_gym.mdp.task import World, shows_fields
 from irs_gym.oracle.shortest_path import Path
 from irs_gym.rendering.modes import with_render_mode
-from irs_gym.vector.infos import Infos, checked_keys
+from irs_gym.vector.infos import SCENE_KEYS, Infos, checked_keys
 
 
 class IrsNavRandomEnv(gymnasium.Env[Any, int]):
@@ -65,7 +71,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     The start of the scene drawn, or with probability ``random_start`` a cell drawn among those from
     which its goal can be reached. ``reset(options={"scene_id": name_or_number})`` chooses the
     scene, ``"start"`` and ``"goal"``, cells (i, j), either end, for one episode.
-    ``info["scene_id"]`` is the scene's name.
+    ``info["scene_id"]`` is the scene's name, ``info["scene_number"]`` its number.
 
     ## Episode End
     Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell
@@ -75,9 +81,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     cells, 800 in ``"ood-size"``. Refused moves are as in `IrsNavEnv`.
 
     ## Arguments
-    The fields of `irs_gym.datasets.random_task.RandomTask`, ``infos`` (as in `IrsNavEnv`), and
-    ``render_mode``: ``"rgb_array"`` or ``"ansi"``; `gymnasium.make` knows ``"human"``,
-    ``"rgb_array_list"`` and ``"ansi_list"`` as well.
+    Those of the signature. `irs_gym.datasets.random_task.RandomTask` says what each is, but for
+    ``infos`` (as in `IrsNavEnv`) and ``render_mode``: ``"rgb_array"`` or ``"ansi"``;
+    `gymnasium.make` knows ``"human"``, ``"rgb_array_list"`` and ``"ansi_list"`` as well.
 
     ## Vectorized environment
     ``gymnasium.make_vec("irs_gym:IrsNavRandom-v0", num_envs=n, ...)``.
@@ -89,14 +95,21 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     metadata: dict[str, Any] = METADATA
     spec = PlainSpec()
 
+    @shows_fields(RandomTask)
     def __init__(
-        self, *, render_mode: str | None = None, infos: Infos = "all", **arguments: Any
+        self,
+        *,
+        render_mode: str | None = None,
+        infos: Infos = "all",
+        **arguments: Unpack[RandomTaskArguments],
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        self._keys = checked_keys(infos, ["scene_id"])
-        self._episode_keys = [key for key in self._keys if key != "scene_id"]
+        self._keys = checked_keys(infos, SCENE_KEYS)
+        self._episode_keys = [key for key in self._keys if key not in SCENE_KEYS]
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         self._number = 0  # of the episode's scene
+
+        # Before a reset there are spaces, a map and an oracle already, but no step.
         first = self.worlds.world(0)
         self._episode = Episode(first, first.start, first.goal, self._episode_keys)
         self._episode.is_running = False
@@ -138,7 +151,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         return self._episode.distance_to_go
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which actions are not refused in this cell, bool ``(8,)``; see `IrsNavEnv.action_masks`."""
+        """Which actions are not refused here, bool ``(8,)``; see `IrsNavEnv.action_masks`."""
         return self._episode.action_masks()
 
     def optimal_actions(self, cell: Cell | None = None) -> NDArray[np.int64]:
@@ -168,7 +181,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         self.take_over(Snapshot.from_bytes(state))
 
     def take_over(self, snapshot: Snapshot, path: Sequence[Cell] = ()) -> None:
-        """Go on with an episode that another environment began, with its path where that is known."""
+        """Go on with an episode that another environment began, with its path where it is known."""
         if snapshot.scene >= len(self.worlds):
             raise ValueError(
                 f"state is of scene {snapshot.scene}, and there are {len(self.worlds)} here"
@@ -199,11 +212,9 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         return *outcome[:-1], self._named(outcome[-1])
 
     def _named(self, info: dict[str, Any]) -> dict[str, Any]:
-        """The info with the scene's name."""
-        if "scene_id" in self._keys:
-            info["scene_id"] = self.worlds.pool.names[self._number]
-
-        return info
+        """The info with the scene's number and name."""
+        scene = {"scene_number": self._number, "scene_id": self.worlds.pool.names[self._number]}
+        return info | {key: value for key, value in scene.items() if key in self._keys}
 
     def render(self) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""

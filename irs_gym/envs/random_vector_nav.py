@@ -1,10 +1,8 @@
-"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a thin shell over their
-episodes.
-"""
+"""`IrsNavRandomVectorEnv`: n environments over many scenes in one, a shell over their episodes."""
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium import spaces
@@ -12,14 +10,20 @@ from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds, random_task_of
+from irs_gym.datasets.random_task import (
+    RandomTask,
+    RandomTaskArguments,
+    Worlds,
+    build_worlds,
+    random_task_of,
+)
 from irs_gym.envs.random_nav import IrsNavRandomEnv
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, cells_at
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
 from irs_gym.mdp.checks import (
     METADATA,
     PlainSpec,
-    check_fleet,
+    check_num_envs,
     checked_count,
     checked_options,
     checked_render_mode,
@@ -33,7 +37,7 @@ from irs_gym.mdp.dynamics import (
     start_cells,
     tables_for,
 )
-from irs_gym.mdp.task import World
+from irs_gym.mdp.task import World, shows_fields
 from irs_gym.rendering.frame_collection import FrameCollection
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.rendering.window import Window
@@ -51,18 +55,20 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
     ----------
     num_envs, max_episode_steps, autoreset_mode, copy, render_mode, infos
         As in `irs_gym.envs.vector_nav.IrsNavVectorEnv`.
-    **arguments
-        The fields of `irs_gym.datasets.random_task.RandomTask`.
+    split, num_scenes, ...
+        As `irs_gym.datasets.random_task.RandomTask` says.
 
     Notes
     -----
-    Each robot has a scene of its own, named in ``infos["scene_id"]``. The option ``scene_id`` of
+    Each robot has a scene of its own, told by ``infos["scene_number"]``; its name,
+    ``infos["scene_id"]``, is there with ``infos="all"``. The option ``scene_id`` of
     `reset` is one name or number for all, or a list of one for each environment; everything else is
     as in `IrsNavVectorEnv`.
     """
 
     spec = PlainSpec()
 
+    @shows_fields(RandomTask)
     def __init__(
         self,
         num_envs: int = 1,
@@ -71,7 +77,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         copy: bool = True,
         render_mode: str | None = None,
         infos: Infos = "fast",
-        **arguments: Any,
+        **arguments: Unpack[RandomTaskArguments],
     ) -> None:
         self.num_envs = checked_count("num_envs", num_envs)
         self.max_episode_steps = checked_count("max_episode_steps", max_episode_steps)
@@ -81,7 +87,7 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
         self.copy = copy
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
         sampler = _EpisodeSampler(self.worlds)
-        check_fleet(self.num_envs, self.max_episode_steps, sampler.packing)
+        check_num_envs(self.num_envs, self.max_episode_steps, sampler.packing)
         self._episodes = VectorEpisodes(
             sampler, self.num_envs, self.max_episode_steps, self.autoreset_mode, copy, infos
         )
@@ -158,15 +164,20 @@ class IrsNavRandomVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any
 
 
 def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
-    """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any render mode of Gymnasium."""
+    """What `gymnasium.make_vec` calls: an `IrsNavRandomVectorEnv` in any mode of Gymnasium."""
     return with_render_mode(
         partial(IrsNavRandomVectorEnv, **arguments), render_mode, Window, FrameCollection
     )
 
 
+def _scene_number(step: Step) -> NDArray[np.int64]:
+    scenes: ManyScenes = step.transition_model  # type: ignore[assignment]
+    return scenes.code.scenes(step.states)
+
+
 def _scene_id(step: Step) -> NDArray[np.object_]:
-    atlas: ManyScenes = step.ground  # type: ignore[assignment]
-    return atlas.scene_id(step.states)
+    scenes: ManyScenes = step.transition_model  # type: ignore[assignment]
+    return scenes.scene_id(step.states)
 
 
 class _EpisodeSampler:
@@ -175,14 +186,14 @@ class _EpisodeSampler:
     """
 
     is_random = True
-    info_values: Values = {**VALUES, "scene_id": _scene_id}
+    info_values: Values = {**VALUES, "scene_number": _scene_number, "scene_id": _scene_id}
 
     def __init__(self, worlds: Worlds) -> None:
         self.worlds = worlds
-        self.ground = build_many_scenes(worlds)
-        self.packing = self.ground.packing
+        self.transition_model = build_many_scenes(worlds)
+        self.packing = self.transition_model.packing
         self.is_violable = worlds.task.constraint == "allow"
-        self.map_shape = self.ground.shape
+        self.map_shape = self.transition_model.shape
         self.num_maps = len(worlds)
 
     def begin(
@@ -209,15 +220,15 @@ class _EpisodeSampler:
             starts, goals = self._own_ends(numbers, rngs)
 
         states = states.copy()
-        states[chosen] = self.ground.states_of(np.array(numbers), starts, goals)
+        states[chosen] = self.transition_model.code.encode(np.array(numbers), starts, goals)
 
         return states
 
     def scene_number(self, states: States, i: int) -> int:
-        return int(self.ground.scenes(states[[i]])[0])
+        return int(self.transition_model.code.scenes(states[[i]])[0])
 
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
-        return self.ground.scene_and_goal(states, i)
+        return self.transition_model.scene_and_goal(states, i)
 
     def _given_ends(
         self, numbers: list[int], given: dict[str, Cell], rngs: list[np.random.Generator]
@@ -243,13 +254,13 @@ class _EpisodeSampler:
         known to be feasible.
         """
         pool = self.worlds.pool
-        task = self.worlds.task.common
+        rules = self.worlds.task.rules
         starts = pool.start[numbers]
         goals = pool.goal[numbers]
 
-        for n, rng in enumerate(rngs if task.random_start else ()):
-            if draws_start(task, rng):
+        for n, rng in enumerate(rngs if rules.random_start else ()):
+            if draws_start(rules, rng):
                 cells = start_cells(pool.distance_to_go[numbers[n]], tuple(goals[n].tolist()))
-                starts[n] = divmod(draw_start(cells, rng), pool.shape[1])
+                starts[n] = cells_at(np.array(draw_start(cells, rng)), pool.shape)
 
         return starts, goals

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium import spaces
@@ -11,12 +11,12 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from irs_gym.envs.nav import IrsNavEnv
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, flat_cells
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
 from irs_gym.mdp.checks import (
     METADATA,
     PlainSpec,
-    check_fleet,
+    check_num_envs,
     checked_count,
     checked_options,
     checked_render_mode,
@@ -24,7 +24,7 @@ from irs_gym.mdp.checks import (
 )
 from irs_gym.mdp.dynamics import ACTIONS, check_task, choose_start, tables_for
 from irs_gym.mdp.observation import build_observer
-from irs_gym.mdp.task import Task, World, build_world, task_of
+from irs_gym.mdp.task import Task, TaskArguments, World, build_world, shows_fields, task_of
 from irs_gym.rendering.frame_collection import FrameCollection
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.rendering.window import Window
@@ -58,10 +58,10 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         ``"ansi_list"`` as well.
     infos
         Keys that the infos hold, at every step the same: ``"all"`` of the single environment's, a
-        list of some, or ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go`` and
-        ``gain_db``.
-    **arguments
-        The fields of `irs_gym.mdp.task.Task`.
+        list of some, or ``"fast"``: all but ``refused``, ``is_refused``, ``distance_to_go``,
+        ``gain_db`` and ``margin_db``.
+    scene, target_db, ...
+        As `irs_gym.mdp.task.Task` says.
 
     Notes
     -----
@@ -69,10 +69,19 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
     single environment's, with a mask ``_key`` that tells which environments have it. ``reset``
     takes a seed (environment i gets seed + i) or one for each, and the options ``start``, ``goal``
     and ``reset_mask`` (bool, ``(n,)``).
+
+    Examples
+    --------
+    >>> envs = IrsNavVectorEnv(num_envs=3, random_start=True)
+    >>> observation, infos = envs.reset(seed=0)
+    >>> observation, reward, terminated, truncated, infos = envs.step(np.array([0, 2, 4]))
+    >>> observation["position"].shape, infos["distance"].shape
+    ((3, 4), (3,))
     """
 
     spec = PlainSpec()
 
+    @shows_fields(Task)
     def __init__(
         self,
         num_envs: int = 1,
@@ -81,7 +90,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         copy: bool = True,
         render_mode: str | None = None,
         infos: Infos = "fast",
-        **arguments: Any,
+        **arguments: Unpack[TaskArguments],
     ) -> None:
         self.num_envs = checked_count("num_envs", num_envs)
         self.max_episode_steps = checked_count("max_episode_steps", max_episode_steps)
@@ -91,7 +100,7 @@ class IrsNavVectorEnv(VectorEnv[Any, NDArray[np.integer[Any]], NDArray[Any]]):
         self.copy = copy
         self.world: World = build_world(task_of(arguments, type(self).__name__))
         check_task(self.world)
-        check_fleet(
+        check_num_envs(
             self.num_envs,
             self.max_episode_steps,
             build_observer(self.world, self.world.goal).packing,
@@ -194,10 +203,10 @@ class _EpisodeSampler:
 
     def __init__(self, world: World, num_envs: int) -> None:
         self.world = world
-        self.ground = build_one_scene(world, (world.goal,))
+        self.transition_model = build_one_scene(world, (world.goal,))
         self.packing = build_observer(world, world.goal).packing
-        self.is_random = bool(world.task.random_start)
-        self.is_violable = world.task.constraint == "allow"
+        self.is_random = bool(world.rules.random_start)
+        self.is_violable = world.rules.constraint == "allow"
         self.map_shape = world.radio_map.grid.shape
         self._goals: list[Cell] = [world.goal] * num_envs
 
@@ -212,7 +221,7 @@ class _EpisodeSampler:
             self._goals[i] = goal
 
         states = self._restacked(states, goal)
-        states[chosen] = cells + self.ground.first_state(goal)
+        states[chosen] = cells + self.transition_model.first_state(goal)
 
         return states
 
@@ -229,31 +238,31 @@ class _EpisodeSampler:
         each.
         """
         own = start or self.world.start
-        columns = self.world.feasible.shape[1]
-        fixed = own[0] * columns + own[1]
+        grid = self.world.radio_map.grid
+        fixed = grid.flat(own)
         if start is not None or not self.is_random:
             tables_for(self.world, own, goal)
             return np.full(len(chosen), fixed)
 
-        cells = np.array([choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]) @ [
-            columns,
-            1,
-        ]
-        if fixed in cells:
+        starts = [choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]
+        cells = flat_cells(np.array(starts), grid.shape)  # (n,)
+        if fixed in cells:  # the others are drawn among those that reach the goal
             tables_for(self.world, own, goal)
 
         return np.asarray(cells)
 
     def _restacked(self, states: States, goal: Cell) -> States:
-        """The states in a stack of the goals in use, and no others."""
-        if goal in self.ground.goals and len(self.ground.goals) == 1:
+        """The states in a model of the goals in use, and no others."""
+        if goal in self.transition_model.goals and len(self.transition_model.goals) == 1:
             return states.copy()
 
-        goals = tuple(dict.fromkeys(self._goals))
+        goals = tuple(dict.fromkeys(self._goals))  # each once, in the order of the robots
         number = {each: n for n, each in enumerate(goals)}
-        old, cell = np.divmod(states, self.world.feasible.size)
-        kept = np.array([number.get(each, 0) for each in self.ground.goals])
-        if goals != self.ground.goals:
-            self.ground = build_one_scene(self.world, goals)
+
+        # A state is the number of its goal times the cells, plus its cell.
+        old, cell = np.divmod(states, self.world.feasible.size)  # (n,) each
+        kept = np.array([number.get(each, 0) for each in self.transition_model.goals])
+        if goals != self.transition_model.goals:
+            self.transition_model = build_one_scene(self.world, goals)
 
         return np.asarray(kept[old] * self.world.feasible.size + cell)

@@ -1,6 +1,4 @@
-"""`optimal_q`: the exact values of all actions under the rules of an environment, by policy
-iteration.
-"""
+"""`optimal_q`: the exact values of all actions under the rules of an environment."""
 
 from math import ceil, log, log2
 from numbers import Real
@@ -11,7 +9,9 @@ from numpy.typing import NDArray
 from irs_gym.mdp.dynamics import Transition
 
 _NEGLIGIBLE = 1e-20  # a reward discounted by this or less counts as nothing
-_DUST = 1e-13  # relative: an action that gains no more than this is not taken for better, whatever the rounding of sums
+# Relative: an action that gains no more than this is not taken for better, whatever the rounding of
+# sums.
+_DUST = 1e-13
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -20,9 +20,9 @@ Ints = NDArray[np.int64]
 def optimal_q(transition: Transition, gamma: float) -> Floats:
     """The optimal action values Q* of a discounted return over deterministic transitions.
 
-    Howard's policy iteration: the value of a policy is exact, as each state has one successor, and
-    it is improved until no action is better. The error is that of sums of floats, below 1e-10 of
-    the largest value.
+    Howard's policy iteration (1960): the value of a policy is exact, as each state has one
+    successor, and it is improved until no action is better. The error is that of sums of floats,
+    below 1e-10 of the largest value.
 
     Parameters
     ----------
@@ -42,11 +42,12 @@ def optimal_q(transition: Transition, gamma: float) -> Floats:
         Where ``gamma`` is out of its range.
     """
     gamma = checked_gamma(gamma)
-    states = np.arange(len(transition.next_cell))
+    states = np.arange(len(transition.next_cell))  # (S,)
     # A first guess that ends the episode where one move can; elsewhere the cheapest move.
     policy = np.argmax(np.where(transition.is_terminated, np.inf, transition.reward), axis=1)
 
     while True:
+        # evaluate: what each state is worth under the policy, (S,), and so each action, (S, 8)
         value = policy_value(
             transition.next_cell[states, policy],
             transition.reward[states, policy],
@@ -56,12 +57,12 @@ def optimal_q(transition: Transition, gamma: float) -> Floats:
         ahead = np.where(transition.is_terminated, 0.0, gamma * value[transition.next_cell])
         q = transition.reward + ahead
 
+        # improve: the best action where it is better than the policy's own
         best = q.argmax(axis=1)
         now = q[states, policy]
         then = q[states, best]
-        is_better = then > now + _DUST * np.maximum(
-            1.0, np.where(np.isfinite(now), np.abs(now), 0.0)
-        )
+        size = np.maximum(1.0, np.where(np.isfinite(now), np.abs(now), 0.0))
+        is_better = then > now + _DUST * size  # (S,)
         if not is_better.any():
             return np.asarray(q)
 
@@ -76,9 +77,11 @@ def policy_value(
     Returns of 1, 2, 4, 8 ... steps are put together from two halves each, until the rest counts for
     nothing. Without a discount, -inf where the episode does not end within S steps, and so never.
     """
+    # Undiscounted, who has not ended within S steps goes round in a circle. Discounted, the steps
+    # after which a reward counts for nothing.
     steps = float(len(reward)) if gamma == 1 else max(len(reward), log(_NEGLIGIBLE) / log(gamma))
-    gain = reward
-    goes_on = ~is_terminated
+    gain = reward  # the return of 2**doubling steps, (S,)
+    goes_on = ~is_terminated  # whether the episode does after them, (S,)
 
     for doubling in range(ceil(log2(steps)) + 1):
         gain = gain + np.where(goes_on, gamma**2.0**doubling * gain[next_state], 0.0)

@@ -1,6 +1,4 @@
-"""The autoreset mode of a vector environment; older versions of Gymnasium know none, so they have
-none of ours.
-"""
+"""`checked_mode`: the autoreset mode of a vector environment, which Gymnasium has since 1.1."""
 
 import gymnasium
 
@@ -8,8 +6,9 @@ try:
     from gymnasium.vector import AutoresetMode
 except ImportError as error:
     raise ImportError(
-        f"the vector environments of irs_gym need gymnasium>=1.1, and this is {gymnasium.__version__}: "
-        "put single environments (gymnasium.make) into gymnasium.vector.SyncVectorEnv instead"
+        "the vector environments of irs_gym need gymnasium>=1.1, and this is "
+        f"{gymnasium.__version__}: put single environments (gymnasium.make) into "
+        "gymnasium.vector.SyncVectorEnv instead"
     ) from error
 
 __all__ = ["AutoresetMode", "checked_mode"]

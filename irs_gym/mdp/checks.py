@@ -1,4 +1,4 @@
-"""What both environments share towards their users: metadata, checks of what comes in, pictures."""
+"""Checks of what users hand to an environment: actions, seeds, options, modes and sizes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import MOVE_NAMES, as_cell
 from irs_gym.mdp.dynamics import ACTIONS
-from irs_gym.mdp.observation import Packing
+from irs_gym.mdp.packing import Packing
 from irs_gym.memory import check_memory
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene
@@ -29,8 +29,7 @@ class PlainSpec:
     that JSON can hold.
 
     A `Scene` and a `RadioMap` become dicts and a path a string, which the environments take in
-    their place. A `SceneSet`
-    stays what it is: it is the one argument that JSON cannot hold.
+    their place. A `SceneSet` stays what it is: it is the one argument that JSON cannot hold.
     """
 
     def __get__(self, env: Any, kind: Any = None) -> EnvSpec | None:
@@ -44,7 +43,13 @@ class PlainSpec:
 
 
 def as_data(argument: Any) -> Any:
-    """An argument of an environment as numbers, strings, lists and dicts, where it can be said so."""
+    """An argument of an environment as numbers, strings, lists and dicts, where it can be so.
+
+    Examples
+    --------
+    >>> as_data((np.int64(3), Path("floor.npz")))
+    [3, 'floor.npz']
+    """
     if isinstance(argument, Scene | RadioMap):
         return argument.to_data()
     if isinstance(argument, Enum):  # an autoreset mode
@@ -71,8 +76,14 @@ def checked_render_mode(render_mode: str | None) -> str | None:
 
 
 def checked_action(action: Any) -> int:
-    """The action as an int; a ``ValueError`` lists the actions for one that is none."""
-    if type(action) is int and 0 <= action < ACTIONS:
+    """The action as an int; a ``ValueError`` lists the actions for one that is none.
+
+    Examples
+    --------
+    >>> checked_action(np.int64(7))
+    7
+    """
+    if type(action) is int and 0 <= action < ACTIONS:  # nearly all are: a step has no time to lose
         return action
 
     try:
@@ -80,6 +91,7 @@ def checked_action(action: Any) -> int:
     except TypeError:
         number = -1
 
+    # True would pass for 1.
     if not 0 <= number < ACTIONS or isinstance(action, bool | np.bool_):
         raise ValueError(f"action={action!r} must be {_ACTIONS}")
 
@@ -123,17 +135,17 @@ def checked_options(options: dict[str, Any] | None, more: str | None = None) -> 
     }
 
 
-def check_fleet(num_envs: int, max_episode_steps: int, packing: Packing) -> None:
+def check_num_envs(num_envs: int, max_episode_steps: int, packing: Packing) -> None:
     """Refuse a vector environment whose observations and paths would take too much memory, before
     any is made.
     """
     check_memory(
         f"num_envs={num_envs}: state and observations of {packing.width} numbers",
-        num_envs * (18 * packing.width + 500),
+        num_envs * (18 * packing.width + 500),  # bytes: observations in work and kept, and state
     )
     check_memory(
         f"num_envs={num_envs}, max_episode_steps={max_episode_steps}: the paths of all robots",
-        4.0 * num_envs * (max_episode_steps + 1),
+        4.0 * num_envs * (max_episode_steps + 1),  # bytes: a flat cell a step
     )
 
 
@@ -149,10 +161,16 @@ def checked_seed(seed: Any, name: str = "seed") -> int | None:
     neither.
 
     NumPy's integers are taken as well.
-    """
-    if seed is None:
-        return None
 
+    Examples
+    --------
+    >>> checked_seed(np.int64(3))
+    3
+    """
+    return None if seed is None else _seed(seed, name)
+
+
+def _seed(seed: Any, name: str) -> int:
     try:
         number = index(seed)
     except TypeError:
@@ -169,13 +187,17 @@ def each_seed(seed: Any, count: int) -> Sequence[int | None] | None:
     no change.
 
     Raises ``ValueError`` for a number of seeds that is not ``count``, and for a seed that is none.
+
+    Examples
+    --------
+    >>> each_seed(5, count=3)
+    [5, 6, 7]
     """
     if seed is None:
         return None
 
     if not isinstance(seed, Sequence | np.ndarray) or np.ndim(seed) == 0:
-        first = checked_seed(seed)
-        assert first is not None
+        first = _seed(seed, "seed")
         return [first + i for i in range(count)]
 
     if len(seed) != count:

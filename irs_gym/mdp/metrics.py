@@ -31,16 +31,32 @@ def soft_spl(progress: ArrayLike, oracle_distance: ArrayLike, distance: ArrayLik
     for the success.
 
     ``progress`` is the share of the way to the goal that was made, from 0 to 1.
+
+    Examples
+    --------
+    >>> soft_spl([1.0, 0.5], [10.0, 10.0], [12.5, 8.0]).tolist()
+    [0.8, 0.5]
     """
     shortest = np.asarray(oracle_distance, dtype=np.float64)
 
-    return np.asarray(np.asarray(progress) * (shortest / np.maximum(shortest, distance)))
+    # The oracle's distance at least: lengths are sums of floats, and an optimal path may come out a
+    # rounding shorter than the oracle's.
+    longer = np.maximum(shortest, distance)
+
+    return np.asarray(np.asarray(progress) * shortest / longer)
 
 
 def distance_ratio(
     is_success: ArrayLike, oracle_distance: ArrayLike, distance: ArrayLike
 ) -> Floats:
-    """Metres travelled over the shortest way; NaN where there was no success. Shapes as for `spl`."""
+    """Metres travelled over the shortest way; NaN where there was no success, as the distance says
+    nothing there. Shapes as for `spl`.
+
+    Examples
+    --------
+    >>> distance_ratio([True, False], [10.0, 10.0], [12.5, 10.0]).tolist()
+    [1.25, nan]
+    """
     ratio = np.asarray(distance, dtype=np.float64) / np.asarray(oracle_distance, dtype=np.float64)
 
     return np.asarray(np.where(is_success, ratio, np.nan))

@@ -1,136 +1,65 @@
-"""`Observer`: what an agent sees of a world, for one goal; and `Packing`, its layout."""
+"""`Observer`: what an agent sees of a world, for one goal."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
-from math import prod
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
-from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.dynamics import ACTIONS, action_mask
+from irs_gym.mdp.dynamics import action_mask
+from irs_gym.mdp.packing import (
+    GOAL,
+    MARGIN,
+    OBSTACLE,
+    ROBOT,
+    Ints,
+    Packing,
+    Rows,
+    own_positions,
+    scaled_margin,
+    vectors_to_goal,
+)
 from irs_gym.mdp.task import Observation, World
 
-MARGIN_SCALE_DB = 5.0  # a margin of this many dB over the target is seen as 1
-_MOST_CELLS = 2**24  # whole numbers up to this one are float32 as well
 _LARGEST_TABLE = 2**27  # bytes: observations of larger worlds are computed as they are asked for
 
-Rows = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class Packing:
-    """How observations are packed in rows of float32.
-
-    In the order of their keys, as `gymnasium.spaces.flatten` packs a Dict: ``gain_patch`` (2r+1,
-    2r+1), ``irs`` (3 + N), ``position`` (4). Masked, the action mask (8) follows. As a map, a row
-    holds the image (4, X, Y); as a cell, its flat index. Raises ``ValueError`` for more cells than
-    float32 can number.
-    """
-
-    observation: Observation
-    side: int  # of the patch, 2r+1
-    settings: int  # 3 + N
-    shape: tuple[int, int]  # of the map, (X, Y)
-
-    def __post_init__(self) -> None:
-        if self.observation == "cell" and prod(self.shape) > _MOST_CELLS:
-            raise ValueError(
-                f"observation='cell' can tell {_MOST_CELLS} cells apart, and {self.shape} are more"
-            )
-
-    @cached_property
-    def patch_end(self) -> int:
-        """Column of a row behind the patch."""
-        return self.side**2
-
-    @cached_property
-    def irs_end(self) -> int:
-        """Column of a row behind what it tells of the IRS."""
-        return self.side**2 + self.settings
-
-    @cached_property
-    def flat_end(self) -> int:
-        """Column of a row behind what a flat observation holds."""
-        return self.irs_end + 4
-
-    @cached_property
-    def width(self) -> int:
-        """Columns of a row, D."""
-        others = {"map": 4 * prod(self.shape), "masked": self.flat_end + ACTIONS, "cell": 1}
-        return others.get(self.observation, self.flat_end)
-
-    @property
-    def space(self) -> spaces.Space[Any]:
-        """Of one observation; a new one each time, as a space holds the randomness of its samples."""
-        shapes = {"gain_patch": (self.side, self.side), "irs": (self.settings,), "position": (4,)}
-        if self.observation == "dict":
-            return spaces.Dict({name: _box(shape) for name, shape in shapes.items()})
-
-        if self.observation == "masked":
-            mask = spaces.Box(0, 1, (ACTIONS,), dtype=np.int8)
-            return spaces.Dict({"action_mask": mask, "observation": _box((self.flat_end,))})
-
-        if self.observation == "cell":
-            return spaces.Discrete(prod(self.shape))
-
-        return _box((self.width,) if self.observation == "flat" else (4, *self.shape))
-
-    def unpack(self, rows: Rows) -> Any:
-        """Observations of rows ``(..., D)``, with the leading axes kept: views of them, but for
-        masks and cells.
-        """
-        if self.observation == "flat":
-            return rows
-
-        leading = rows.shape[:-1]
-        if self.observation == "masked":
-            mask = rows[..., self.flat_end :].astype(np.int8)
-            return {"action_mask": mask, "observation": rows[..., : self.flat_end]}
-
-        if self.observation == "cell":
-            return rows[..., 0].astype(np.int64) if leading else int(rows[0])
-        if self.observation == "map":
-            return rows.reshape(*leading, 4, *self.shape)
-
-        return {
-            "gain_patch": rows[..., : self.patch_end].reshape(*leading, self.side, self.side),
-            "irs": rows[..., self.patch_end : self.irs_end],
-            "position": rows[..., self.irs_end :],
-        }
-
-
-def _box(shape: tuple[int, ...]) -> spaces.Box:
-    return spaces.Box(-1.0, 1.0, shape, dtype=np.float32)
+RowWriter = Callable[[Ints, Rows], Rows]
+"""Writes packed rows of flat cells ``(n,)`` into the rows ``(n, D)`` given, and returns these."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observer:
     """Observations of the cells of one world for one goal.
 
-    Attributes
-    ----------
-    rows
-        Packed rows ``(n, D)`` of flat cells ``(n,)``, written to the second argument.
+    Examples
+    --------
+    >>> from irs_gym.mdp.task import Task, build_world
+    >>> world = build_world(Task(observation="flat"))
+    >>> observer = build_observer(world, world.goal)
+    >>> observation = observer.observe(0)
+    >>> observation.shape == observer.packing.space.shape
+    True
+    >>> int(observer.packing.decode(observation).cell)
+    0
     """
 
     world: World
     goal: Cell
     packing: Packing
-    rows: Callable[[NDArray[np.int64], Rows], Rows]
+    rows: RowWriter
     table: Rows | None  # (X * Y, D), where it is small enough to keep
-    _seen: Callable[[int], Any] = field(
-        init=False, repr=False
-    )  # unpacked views of the table's rows
+    _unpacked: Callable[[int], Any] = field(init=False, repr=False)
+    """Of a flat cell, views of its row of the table."""
 
     def __post_init__(self) -> None:
         # Robots are in the same cells again and again, and to copy parts is faster than to take a
         # copy apart.
-        seen = lru_cache(maxsize=4096)(lambda cell: self.packing.unpack(self.table[cell]))  # type: ignore[index]
-        object.__setattr__(self, "_seen", seen)
+        def unpacked(cell: int) -> Any:
+            return self.packing.unpack(self.packing.split(self.table[cell]))  # type: ignore[index]
+
+        object.__setattr__(self, "_unpacked", lru_cache(maxsize=4096)(unpacked))
 
     def __reduce__(self) -> Any:
         return build_observer, (self.world, self.goal)
@@ -142,9 +71,9 @@ class Observer:
 
         if self.table is None:
             rows = self.rows(np.array([cell]), np.empty((1, self.packing.width), dtype=np.float32))
-            return self.packing.unpack(rows[0])
+            return self.packing.unpack(self.packing.split(rows[0]))
 
-        observation = self._seen(cell).copy()
+        observation = self._unpacked(cell).copy()
         if isinstance(observation, dict):
             for name in observation:
                 observation[name] = observation[name].copy()
@@ -158,13 +87,15 @@ def build_observer(world: World, goal: Cell) -> Observer:
     task = world.task
     shape = world.radio_map.grid.shape
     packing = Packing(task.observation, 2 * task.patch_radius + 1, world.irs.shape[-1], shape)
-    rows = _ROWS.get(task.observation, _packed_rows)(world, goal, packing)
+    rows = _WRITERS.get(task.observation, _flat_rows)(world, goal, packing)
     cells = world.feasible.size
-    table = None
+
     # A world whose distances were known beforehand is one of many: it is entered once, and few of
     # its cells are seen.
+    is_one_of_many = world.to_go is not None
+    table = None
     if (
-        world.to_go is None
+        not is_one_of_many
         and task.observation != "map"
         and cells * packing.width * 4 <= _LARGEST_TABLE
     ):
@@ -174,96 +105,63 @@ def build_observer(world: World, goal: Cell) -> Observer:
     return Observer(world, goal, packing, rows, table)
 
 
-def scaled_margin(
-    gain_db: NDArray[np.float64], target_db: float | NDArray[np.float64]
-) -> NDArray[np.float32]:
-    """Margin over the target in `MARGIN_SCALE_DB`, clipped to [-1, 1]; -1 in obstacles. Shape of
-    the gain.
-    """
-    return np.clip((gain_db - target_db) / MARGIN_SCALE_DB, -1.0, 1.0).astype(np.float32)
-
-
-def own_positions(cells: NDArray[np.int64], shape: tuple[int, int]) -> Rows:
-    """x and y of cells ``(..., 2)``, scaled to a room of that shape, ``(..., 2)``."""
-    return (2.0 * (cells + 0.5) / shape - 1.0).astype(np.float32)
-
-
-def vectors_to_goal(offsets: NDArray[np.int64], shape: tuple[int, int]) -> Rows:
-    """Vectors to the goal over the room's size, ``(..., 2)``, of cells that far from it."""
-    return (-offsets / shape).astype(np.float32)
-
-
-def _packed_rows(
-    world: World, goal: Cell, packing: Packing
-) -> Callable[[NDArray[np.int64], Rows], Rows]:
+def _flat_rows(world: World, goal: Cell, packing: Packing) -> RowWriter:
+    """Patch, IRS and position, and the action mask behind them where it is asked for."""
     side = packing.side
-    shape = packing.shape
-    padded = np.pad(
-        scaled_margin(world.radio_map.gain_db, world.target_db), side // 2, constant_values=-1.0
-    )
-    windows = np.lib.stride_tricks.sliding_window_view(
-        padded, (side, side)
-    )  # (X, Y, side, side), a view
-    cells = np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)
-    own = own_positions(cells, shape)
-    to_goal = vectors_to_goal(cells - np.array(goal), shape)
-    irs = world.irs
-    columns = shape[1]
-    patch_end = packing.patch_end
-    irs_end = packing.irs_end
-    mask = action_mask(world) if packing.observation == "masked" else None
+    # What lies off the map is blocked, as an obstacle is.
+    margin = scaled_margin(world.radio_map.gain_db, world.target_db)  # (X, Y)
+    padded = np.pad(margin, side // 2, constant_values=-1.0)  # (X + 2r, Y + 2r)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))  # (X, Y, side, side)
 
-    def rows(at: NDArray[np.int64], out: Rows) -> Rows:
-        i, j = np.divmod(at, columns)
-        out[:, :patch_end] = windows[i, j].reshape(len(at), patch_end)
-        out[:, patch_end:irs_end] = irs[i, j]
-        out[:, irs_end : irs_end + 2] = own[at]
-        out[:, irs_end + 2 : irs_end + 4] = to_goal[at]
-        if mask is not None:
-            out[:, irs_end + 4 :] = mask[at]
+    cells = np.indices(packing.shape).transpose(1, 2, 0).reshape(-1, 2)  # (X * Y, 2)
+    own = own_positions(cells, packing.shape)  # (X * Y, 2)
+    to_goal = vectors_to_goal(cells - np.array(goal), packing.shape)  # (X * Y, 2)
+    mask = action_mask(world) if packing.observation == "masked" else None  # (X * Y, 8)
+
+    def rows(at: Ints, out: Rows) -> Rows:
+        i, j = cells[at].T
+        packing.encode(
+            packing.split(out),
+            patch=windows[i, j].reshape(len(at), side**2),
+            irs=world.irs[i, j],
+            own=own[at],
+            to_goal=to_goal[at],
+            action_mask=None if mask is None else mask[at],
+        )
 
         return out
 
     return rows
 
 
-def _map_rows(
-    world: World, goal: Cell, packing: Packing
-) -> Callable[[NDArray[np.int64], Rows], Rows]:
+def _map_rows(world: World, goal: Cell, packing: Packing) -> RowWriter:
     """Image channels (4, X, Y): scaled margin, obstacle, robot, goal; the last three are 0 or 1."""
-    shape = packing.shape
-    cells = prod(packing.shape)
-    still = np.zeros((4, *shape), dtype=np.float32)
-    still[0], still[1] = (
-        scaled_margin(world.radio_map.gain_db, world.target_db),
-        ~world.radio_map.free,
-    )
-    still[3][goal] = 1.0
-    still_row = still.ravel()
+    # All but the robot stays the same.
+    still = np.zeros((4, *packing.shape), dtype=np.float32)
+    still[MARGIN] = scaled_margin(world.radio_map.gain_db, world.target_db)
+    still[OBSTACLE] = ~world.radio_map.free
+    still[GOAL][goal] = 1.0
+    still_row = still.ravel()  # (D,)
 
-    def rows(at: NDArray[np.int64], out: Rows) -> Rows:
+    def rows(at: Ints, out: Rows) -> Rows:
         out[:] = still_row
-        out[np.arange(len(at)), 2 * cells + at] = 1.0
+        out[np.arange(len(at)), ROBOT * world.feasible.size + at] = 1.0
         return out
 
     return rows
 
 
-def _cell_rows(
-    world: World, goal: Cell, packing: Packing
-) -> Callable[[NDArray[np.int64], Rows], Rows]:
+def _cell_rows(world: World, goal: Cell, packing: Packing) -> RowWriter:
     """The cell itself."""
 
-    def rows(at: NDArray[np.int64], out: Rows) -> Rows:
+    def rows(at: Ints, out: Rows) -> Rows:
         out[:, 0] = at
         return out
 
     return rows
 
 
-_ROWS: dict[
-    Observation, Callable[[World, Cell, Packing], Callable[[NDArray[np.int64], Rows], Rows]]
-] = {
+_WRITERS: dict[Observation, Callable[[World, Cell, Packing], RowWriter]] = {
     "map": _map_rows,
     "cell": _cell_rows,
 }

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, cells_at
 
 
 class PathHistory:
@@ -18,12 +18,13 @@ class PathHistory:
     ) -> None:
         """Remember ``length`` steps on maps of the given shape."""
         self._shape = shape
-        smallest = np.min_scalar_type(
-            num_maps * shape[0] * shape[1] - 1
-        )  # leaves the caches to the tables
+        # small numbers leave the caches of the processor to the tables of the rules
+        smallest = np.min_scalar_type(num_maps * shape[0] * shape[1] - 1)
         self._rows = np.zeros((length, num_robots), dtype=smallest)
         self._clock = 0  # steps of all robots
-        # of the episode of each robot, and of the one before it
+
+        # Row 0: of the episode of each robot. Row 1: of the one before it, which is still asked for
+        # after a same-step autoreset.
         self._starts = np.zeros((2, num_robots), dtype=np.int64)
         self._began = np.zeros((2, num_robots), dtype=np.int64)
         self._ended = np.zeros(num_robots, dtype=np.int64)  # clock at the end of the one before
@@ -32,9 +33,11 @@ class PathHistory:
         """Start an episode of the chosen robots in the flat cells at a time, in steps of all
         robots.
         """
+        # the episode becomes the one before
         self._starts[1, chosen] = self._starts[0, chosen]
         self._began[1, chosen] = self._began[0, chosen]
         self._ended[chosen] = clock
+
         self._starts[0, chosen] = cells
         self._began[0, chosen] = clock
 
@@ -55,6 +58,7 @@ class PathHistory:
 
         Refused moves are left out.
         """
+        # the cell in which it began, and then one cell a step: rows of the ring
         which = int(of_last_episode)
         end = self._ended[robot] if of_last_episode else self._clock
         steps = np.arange(self._began[which, robot] + 1, end + 1)
@@ -75,5 +79,5 @@ def cells_of(flat: NDArray[np.integer], shape: tuple[int, int]) -> list[Cell]:
     [(0, 0), (1, 0), (1, 1)]
     """
     moved = flat[np.append(True, flat[1:] != flat[:-1])]
-    i, j = np.divmod(moved, shape[1])
+    i, j = cells_at(moved, shape).T
     return list(zip((i % shape[0]).tolist(), j.tolist(), strict=True))

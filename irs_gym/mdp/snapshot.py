@@ -9,7 +9,14 @@ _CHECK = Struct("<I")
 
 
 class Snapshot(NamedTuple):
-    """What the next steps of an episode depend on; cells are flat indices."""
+    """What the next steps of an episode depend on; cells are flat indices.
+
+    Examples
+    --------
+    >>> here = Snapshot(b"8 bytes.", 0, 5, 1599, 46, 0.5, 2, False, True)
+    >>> Snapshot.from_bytes(here.to_bytes()) == here
+    True
+    """
 
     rules: bytes  # 8, `World.fingerprint`: of the map and the rules
     scene: int  # its number; 0 where there is one

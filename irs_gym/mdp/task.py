@@ -1,14 +1,15 @@
-"""`Task`: the arguments of an environment, checked, and `World`: all that they fix once and for
-all.
+"""`Task`: what is asked of an environment, `ResolvedTask`: with nothing left open, and `World`: all
+that it fixes once and for all.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from hashlib import blake2b
+from inspect import Parameter, signature
 from numbers import Real
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypedDict, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,23 +17,73 @@ from numpy.typing import NDArray
 from irs_gym.grid import Cell, Grid, as_cell, checked_cell_size
 from irs_gym.memory import check_memory, freeze
 from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser
-from irs_gym.radio.radio_map import RadioMap, as_scene, build_phase_shifts, build_radio_map
+from irs_gym.radio.radio_map import (
+    RadioMap,
+    RadioModel,
+    as_scene,
+    build_map_and_shifts,
+)
 from irs_gym.radio.scene import TARGET_DB, Scene
 
 _CELL_BYTES = 1000  # for each cell: map, rules, graph and tables of an environment, at the most
 _LARGEST = 1e9  # of decibels and rewards
 _SHIFT_BYTES = 12  # for each of its phase shifts
 
+_Init = TypeVar("_Init", bound=Callable[..., None])
+
 Constraint = Literal["refuse", "terminate", "allow"]
 Observation = Literal["dict", "flat", "map", "masked", "cell"]
 
 
 @dataclass(frozen=True, kw_only=True)
+class Rules:
+    """What the robot sees, may do and is rewarded for, whatever the radio; see the fields of
+    `Task`.
+
+    Raises ``ValueError`` where a value is out of its range; the message names the field.
+    """
+
+    patch_radius: int
+    observation: Observation
+    irs_phases: bool
+    constraint: Constraint
+    random_start: float
+    shaping: bool
+    goal_bonus: float
+
+    def __post_init__(self) -> None:
+        _check_number("goal_bonus", self.goal_bonus)
+        if self.goal_bonus < 0:
+            raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
+        if not isinstance(self.random_start, Real | np.bool_) or not 0 <= self.random_start <= 1:
+            raise ValueError(
+                f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1"
+            )
+        if not is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
+            raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
+
+        for name, choices in (("observation", Observation), ("constraint", Constraint)):
+            value = getattr(self, name)
+            if not isinstance(value, str) or value not in get_args(choices):
+                raise ValueError(f"{name}={value!r} must be one of {get_args(choices)}")
+
+        for name in ("irs_phases", "shaping"):
+            value = getattr(self, name)
+            if not isinstance(value, bool | np.bool_):
+                raise ValueError(f"{name}={value!r} must be True or False")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Task:
-    """What `IrsNav-v0` is made of; each field is an argument of `gymnasium.make`. All have
+    """What is asked of `IrsNav-v0`; each field is an argument of `gymnasium.make`. All have
     defaults.
 
     Raises ``ValueError`` where a value is out of its range; the message names the field.
+
+    Examples
+    --------
+    >>> Task(target_db=-63.0).rules.goal_bonus
+    10.0
     """
 
     scene: str | Path | Scene | dict[str, Any] = "paper"
@@ -81,25 +132,21 @@ class Task:
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, Mapping):
-            object.__setattr__(self, "scene", Scene.from_data(self.scene))
+            object.__setattr__(self, "scene", _read_scene(self.scene))
 
         if isinstance(self.radio_map, Mapping):
-            object.__setattr__(self, "radio_map", RadioMap.from_data(self.radio_map))
+            object.__setattr__(self, "radio_map", _read_map(self.radio_map))
 
-        Hardware(self.phase_bits, self.quantiser, self.array_model)
-        self._check_scalars()
+        _ = Hardware(self.phase_bits, self.quantiser, self.array_model)  # checks these
+        checked_cell_size(self.cell_size)
+        if self.irs_elements is not None and not is_integer(self.irs_elements):
+            raise ValueError(
+                f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None"
+            )
+        if self.target_db is not None:
+            _check_number("target_db", self.target_db)
 
-        for name, choices in (("observation", Observation), ("constraint", Constraint)):
-            if not isinstance(getattr(self, name), str) or getattr(self, name) not in get_args(
-                choices
-            ):
-                raise ValueError(
-                    f"{name}={getattr(self, name)!r} must be one of {get_args(choices)}"
-                )
-
-        for name in ("irs_phases", "shaping"):
-            if not isinstance(getattr(self, name), bool | np.bool_):
-                raise ValueError(f"{name}={getattr(self, name)!r} must be True or False")
+        _ = self.rules  # checks the fields that are the robot's
 
         for name in ("start", "goal"):
             if getattr(self, name) is not None:
@@ -108,60 +155,53 @@ class Task:
         if self.radio_map is not None:
             self._check_foreign_map()
 
-    def _check_scalars(self) -> None:
-        checked_cell_size(self.cell_size)
-        if self.irs_elements is not None and not is_integer(self.irs_elements):
-            raise ValueError(
-                f"irs_elements={self.irs_elements!r} must be a whole number of elements, or None"
-            )
-
-        for name in ("target_db", "goal_bonus"):
-            value = getattr(self, name)
-            if (value is not None or name == "goal_bonus") and not (
-                _is_number(value) and abs(value) <= _LARGEST
-            ):
-                raise ValueError(
-                    f"{name}={value!r} must be a finite number, none beyond {_LARGEST}"
-                )
-
-        if self.goal_bonus < 0:
-            raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
-        if not isinstance(self.random_start, Real | np.bool_) or not 0 <= self.random_start <= 1:
-            raise ValueError(
-                f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1"
-            )
-        if not is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
-            raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
+    @cached_property
+    def rules(self) -> Rules:
+        """The part that is the robot's."""
+        return Rules(**{each.name: getattr(self, each.name) for each in fields(Rules)})
 
     def _check_foreign_map(self) -> None:
-        for name in ("start", "goal"):
-            if getattr(self, name) is None:
-                raise ValueError(f"{name} must be given as a cell (i, j) along with radio_map")
-
-        scene_only = (
-            "scene",
-            "cell_size",
-            "irs_elements",
-            "phase_bits",
-            "quantiser",
-            "array_model",
-        )
-        defaults = {each.name: each.default for each in fields(self)}
-        given = [name for name in scene_only if getattr(self, name) != defaults[name]]
+        _given_end("start", self.start)
+        _given_end("goal", self.goal)
+        defaults = {each.name: each.default for each in fields(Task)}
+        radio = [each.name for each in fields(RadioModel)]
+        given = [name for name in radio if getattr(self, name) != defaults[name]]
         if given:
             raise ValueError(
                 f"{', '.join(given)} cannot be given along with radio_map, which fixes the map"
             )
 
 
-def task_of(arguments: dict[str, Any], owner: str = "Task") -> Task:
+class TaskArguments(TypedDict, total=False):
+    """The fields of `Task` as keyword arguments, for type checkers and editors."""
+
+    scene: str | Path | Scene | dict[str, Any]
+    target_db: float | None
+    cell_size: float
+    irs_elements: int | None
+    phase_bits: int | None
+    quantiser: Quantiser
+    array_model: ArrayModel
+    patch_radius: int
+    observation: Observation
+    irs_phases: bool
+    constraint: Constraint
+    random_start: float
+    shaping: bool
+    goal_bonus: float
+    radio_map: str | Path | RadioMap | dict[str, Any] | None
+    start: Cell | None
+    goal: Cell | None
+
+
+def task_of(arguments: Mapping[str, Any], owner: str = "Task") -> Task:
     """Task of the keyword arguments of ``owner``; a ``TypeError`` lists the known names for an
     unknown one.
     """
     return Task(**checked_fields(Task, arguments, owner))
 
 
-def checked_fields(kind: type[Any], arguments: dict[str, Any], owner: str) -> dict[str, Any]:
+def checked_fields(kind: type[Any], arguments: Mapping[str, Any], owner: str) -> Mapping[str, Any]:
     """The arguments of the class ``owner``, if all are fields of a dataclass.
 
     A ``TypeError`` lists the fields for an argument that is none, after the words with which Python
@@ -178,12 +218,71 @@ def checked_fields(kind: type[Any], arguments: dict[str, Any], owner: str) -> di
     return arguments
 
 
-def resolved(task: Task) -> Task:
+def shows_fields(kind: type[Any]) -> Callable[[_Init], _Init]:
+    """Decorator of an ``__init__(..., **arguments)`` that takes the fields of a dataclass.
+
+    `inspect.signature` and `help` then show each field with its type and default, which are written
+    in the dataclass alone.
+
+    Examples
+    --------
+    >>> class Robot:
+    ...     @shows_fields(Rules)
+    ...     def __init__(self, name: str, **arguments: Any) -> None: ...
+    >>> list(signature(Robot).parameters)[:3]
+    ['name', 'patch_radius', 'observation']
+    """
+
+    def shown(init: _Init) -> _Init:
+        own = signature(init)
+        kept = [each for each in own.parameters.values() if each.kind != Parameter.VAR_KEYWORD]
+        taken = [
+            Parameter(
+                each.name,
+                Parameter.KEYWORD_ONLY,
+                default=Parameter.empty if each.default is MISSING else each.default,
+                annotation=each.type,
+            )
+            for each in fields(kind)
+        ]
+        init.__signature__ = own.replace(parameters=[*kept, *taken])  # type: ignore[attr-defined]
+
+        return init
+
+    return shown
+
+
+@dataclass(frozen=True)
+class ForeignMap:
+    """What the radio is where no scene says it: a map from elsewhere, and where the robot goes."""
+
+    radio_map: RadioMap
+    start: Cell
+    goal: Cell
+
+
+@dataclass(frozen=True)
+class ResolvedTask:
+    """A task of which nothing is left open, in its two parts: what the radio is, what the robot
+    does.
+    """
+
+    arguments: Task
+    """The task itself, with all that it left to the scene written in."""
+    radio: RadioModel | ForeignMap = field(compare=False)  # of the arguments, as are the others
+    target_db: float = field(compare=False)
+
+    @property
+    def rules(self) -> Rules:
+        """The part that is the robot's."""
+        return self.arguments.rules
+
+
+def resolved(task: Task) -> ResolvedTask:
     """The task with its scene or map read, and with all that it left to the scene: a target and a
     resolution.
 
-    A map from elsewhere says no target: that of the paper is taken. A resolved task is left as it
-    is.
+    A map from elsewhere says no target: that of the paper is taken.
 
     Raises
     ------
@@ -191,71 +290,102 @@ def resolved(task: Task) -> Task:
         Where the scene or map file does not exist.
     ValueError
         Where it is damaged.
+
+    Examples
+    --------
+    >>> resolved(Task(scene="paper")).target_db
+    -61.8
     """
     if task.radio_map is not None:
-        assert not isinstance(task.radio_map, dict)  # Task has read its data
-        radio_map = (
-            task.radio_map
-            if isinstance(task.radio_map, RadioMap)
-            else RadioMap.load(task.radio_map)
+        radio_map = _read_map(task.radio_map)
+        target_db = float(TARGET_DB if task.target_db is None else task.target_db)
+
+        return ResolvedTask(
+            arguments=replace(task, radio_map=radio_map, target_db=target_db),
+            radio=ForeignMap(
+                radio_map, _given_end("start", task.start), _given_end("goal", task.goal)
+            ),
+            target_db=target_db,
         )
-        return replace(task, radio_map=radio_map, target_db=_first(task.target_db, TARGET_DB))
 
-    assert not isinstance(task.scene, dict)  # Task has read its data
-    scene = as_scene(task.scene)
+    scene = _read_scene(task.scene)
+    target_db = float(scene.target_db if task.target_db is None else task.target_db)
+    radio = RadioModel.of(
+        scene,
+        task.cell_size,
+        task.irs_elements,
+        task.phase_bits,
+        task.quantiser,
+        task.array_model,
+    )
 
-    return replace(
-        task,
-        scene=scene,
-        target_db=_first(task.target_db, scene.target_db),
-        phase_bits=scene.phase_bits if task.phase_bits is None else task.phase_bits,
+    return ResolvedTask(
+        arguments=replace(task, scene=scene, target_db=target_db, phase_bits=radio.phase_bits),
+        radio=radio,
+        target_db=target_db,
     )
 
 
-def _first(given: float | None, other: float) -> float:
-    return float(other if given is None else given)
+def _read_scene(scene: str | Path | Scene | Mapping[str, Any]) -> Scene:
+    return Scene.from_data(scene) if isinstance(scene, Mapping) else as_scene(scene)
+
+
+def _read_map(radio_map: str | Path | RadioMap | Mapping[str, Any]) -> RadioMap:
+    if isinstance(radio_map, RadioMap):
+        return radio_map
+    return (
+        RadioMap.from_data(radio_map)
+        if isinstance(radio_map, Mapping)
+        else RadioMap.load(radio_map)
+    )
+
+
+def _given_end(name: str, cell: Cell | None) -> Cell:
+    """The start or goal of a robot on a map from elsewhere, which says none."""
+    if cell is None:
+        raise ValueError(f"{name} must be given as a cell (i, j) along with radio_map")
+
+    return cell
 
 
 @dataclass(frozen=True, eq=False)
 class World:
     """A task with its map: arrays that never change, shared by all environments of that task."""
 
-    task: Task  # resolved
-    scene: Scene | None
+    task: Task  # with all that it left to the scene written in
+    target_db: float
+    """Lowest expected channel gain that keeps the robot connected."""
+    scene: Scene | None  # with the elements that the task asks for
     radio_map: RadioMap
     start: Cell
     goal: Cell
     feasible: NDArray[np.bool_]  # (X, Y)
-    irs: NDArray[np.float32] = field(
-        repr=False
-    )  # (X, Y, 3 + N), what the observation tells of the IRS, in [-1, 1]
-    source: tuple[Callable[..., "World"], tuple[Any, ...]] = field(
-        repr=False
-    )  # a call that gives it again
-    to_go: NDArray[np.float64] | None = field(
-        default=None, repr=False
-    )  # (X, Y), metres to its own goal where known
+    irs: NDArray[np.float32] = field(repr=False)
+    """What the observation tells of the IRS in each cell, ``(X, Y, 3 + N)``, in [-1, 1]."""
+    source: tuple[Callable[..., "World"], tuple[Any, ...]] = field(repr=False)
+    """A call that gives it again."""
+    to_go: NDArray[np.float64] | None = field(default=None, repr=False)
+    """Metres to its own goal where known, ``(X, Y)``."""
 
     def __post_init__(self) -> None:
         freeze(self.feasible, self.irs, self.to_go)
 
     @property
-    def target_db(self) -> float:
-        """Lowest expected channel gain that keeps the robot connected."""
-        assert self.task.target_db is not None  # the task is resolved
-        return self.task.target_db
+    def rules(self) -> Rules:
+        """What the robot sees, may do and is rewarded for."""
+        return self.task.rules
 
     @cached_property
     def fingerprint(self) -> bytes:
         """8 bytes that tell maps and rules apart; what is observed, and where episodes begin and
         end, is no part.
         """
-        task = self.task
+        rules = self.rules
+        said = (rules.constraint, bool(rules.shaping), float(rules.goal_bonus), self.target_db)
         grid = self.radio_map.grid
-        rules = (task.constraint, bool(task.shaping), float(task.goal_bonus), self.target_db)
-        said = repr((grid.shape, float(grid.cell_size), rules)).encode()
+        place = repr((grid.shape, float(grid.cell_size), said)).encode()
 
-        return blake2b(said + self.radio_map.gain_db.tobytes(), digest_size=8).digest()
+        return blake2b(place + self.radio_map.gain_db.tobytes(), digest_size=8).digest()
 
     def __reduce__(self) -> Any:
         # A copy is the same world: rebuilt from its source in another process, shared in this one.
@@ -276,35 +406,45 @@ def build_world(task: Task) -> World:
 
 
 @lru_cache(maxsize=16)
-def _build_world(task: Task) -> World:
-    scene = None
-    if isinstance(task.radio_map, RadioMap):
-        radio_map = task.radio_map
-        start = task.start
-        goal = task.goal
+def _build_world(task: ResolvedTask) -> World:
+    given = task.arguments
+    radio = task.radio
+    if isinstance(radio, ForeignMap):
+        scene = None
+        radio_map = radio.radio_map
+        start = radio.start
+        goal = radio.goal
         radio_map.grid.check_memory(_CELL_BYTES, "the tables of a map")
-        settings = np.full(3, -1.0)
+        settings = np.full(3, -1.0)  # as without IRS
         shifts = np.zeros((*radio_map.grid.shape, 0), dtype=np.float32)
     else:
-        assert isinstance(task.scene, Scene)
-        scene = task.scene.with_irs_elements(task.irs_elements)
-        wanted = scene if task.irs_phases else scene.with_irs_elements(0)
-        _check_world(scene.grid(task.cell_size), wanted)
-        hardware = (task.phase_bits, task.quantiser, task.array_model)
-        radio_map = build_radio_map(scene, task.cell_size, None, *hardware)
-        start = task.start or radio_map.grid.cell_of(scene.start)
-        goal = task.goal or radio_map.grid.cell_of(scene.goal)
-        settings = irs_settings(scene, task.phase_bits)
-        shifts = build_phase_shifts(wanted, task.cell_size, None, *hardware)
+        scene = radio.built_scene
+        told = task.rules.irs_phases
+        _check_world(radio.grid, scene if told else scene.with_irs_elements(0))
+        radio_map, shifts = build_map_and_shifts(radio, needs_shifts=told)
+        start = given.start or radio_map.grid.cell_of(scene.start)
+        goal = given.goal or radio_map.grid.cell_of(scene.goal)
+        settings = irs_settings(scene, radio.phase_bits)
 
-    assert start is not None  # Task asks for both along with a map
-    assert goal is not None
-    assert task.target_db is not None
-    spread = np.broadcast_to(settings.astype(np.float32), (*radio_map.grid.shape, 3))
-    irs = np.concatenate([spread, np.clip(shifts / np.float32(np.pi) - 1, -1, 1)], axis=-1)
-    feasible = radio_map.feasible(task.target_db)
+    return World(
+        task=given,
+        target_db=task.target_db,
+        scene=scene,
+        radio_map=radio_map,
+        start=start,
+        goal=goal,
+        feasible=radio_map.feasible(task.target_db),
+        irs=_irs_observation(settings, shifts),
+        source=(build_world, (given,)),
+    )
 
-    return World(task, scene, radio_map, start, goal, feasible, irs, source=(build_world, (task,)))
+
+def _irs_observation(
+    settings: NDArray[np.float64], shifts: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """The settings ``(3,)``, the same in each cell, and the shifts ``(X, Y, N)``, where pi is 0."""
+    spread = np.broadcast_to(settings.astype(np.float32), (*shifts.shape[:2], 3))  # (X, Y, 3)
+    return np.concatenate([spread, np.clip(shifts / np.float32(np.pi) - 1, -1, 1)], axis=-1)
 
 
 def _check_world(grid: Grid, scene: Scene) -> None:
@@ -333,8 +473,10 @@ def irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
     return np.array([1.0, resolution, 1.0 - 2.0 / (1.0 + elements / 1000.0)])
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
+def _check_number(name: str, value: Any) -> None:
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not (is_number and abs(value) <= _LARGEST):
+        raise ValueError(f"{name}={value!r} must be a finite number, none beyond {_LARGEST}")
 
 
 def is_integer(value: Any) -> bool:

@@ -1,6 +1,4 @@
-"""The oracle: exact shortest paths, distances to go and the highest feasible target of a map, as
-plain arrays.
-"""
+"""The oracle: exact shortest paths, distances to go and the highest feasible target of a map."""
 
 from dataclasses import dataclass
 from math import floor, sqrt
@@ -21,18 +19,21 @@ from irs_gym.grid import (
     MOVES,
     Cell,
     as_cell,
+    cells_at,
     checked_cell_size,
     checked_map,
+    flat_cells,
     legal_moves,
+    neighbours,
 )
 from irs_gym.memory import freeze
 
-GRAPH_BYTES = (
-    400  # for each cell of a map, at the most: of the graph of its moves and a search in it
-)
+# For each cell of a map, at the most: of the graph of its moves and a search in it.
+GRAPH_BYTES = 400
 Integers = NDArray[np.integer[Any]]
 
-_TIE = 1e-9  # relative: lengths are sums of floats, and moves that lose no more than this are as good as the best
+# Relative: lengths are sums of floats, and moves that lose no more than this count as the best.
+_TIE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,13 @@ class Path:
         Its length in metres.
     cells
         int64, shape ``(D, 2)``: its cells (i, j) from start to goal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> path = Path(distance=1.0, cells=np.array([[0, 0], [1, 0], [2, 0]]))
+    >>> len(path.cells), path.distance
+    (3, 1.0)
     """
 
     distance: float
@@ -87,6 +95,17 @@ def shortest_path(
     ------
     ValueError
         Where ``feasible`` is no map of bools, an end no cell of it, or ``cell_size`` not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> feasible = np.ones((3, 3), dtype=bool)
+    >>> feasible[1, :2] = False  # a wall with a gap at its upper end
+    >>> path = shortest_path(feasible, (0, 0), (2, 0), cell_size=0.5)
+    >>> path.cells.tolist()
+    [[0, 0], [0, 1], [1, 2], [2, 1], [2, 0]]
+    >>> round(path.distance, 3)
+    2.414
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -97,15 +116,17 @@ def shortest_path(
     if not (feasible[start] and feasible[goal]):
         return None
 
+    # for each cell, the one that a shortest path from the start reaches it from, (X * Y,)
     _, before = dijkstra(_graph(feasible), indices=source, return_predecessors=True)
     if source != target and before[target] < 0:
         return None
 
+    # read off backwards, from the goal
     flat = [target]
     while flat[-1] != source:
         flat.append(int(before[flat[-1]]))
 
-    cells = np.stack(np.unravel_index(flat[::-1], feasible.shape), axis=-1).astype(np.int64)
+    cells = cells_at(np.array(flat[::-1], dtype=np.int64), feasible.shape)
 
     return Path(path_length(cells, cell_size), cells)
 
@@ -117,6 +138,12 @@ def distance_to_go(
 
     Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` as
     `shortest_path` does.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> distance_to_go(np.ones((2, 3), dtype=bool), (0, 0), cell_size=0.5).round(3).tolist()
+    [[0.0, 0.5, 1.0], [0.5, 0.707, 1.207]]
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -145,9 +172,12 @@ def descend(to_go: NDArray[np.float64], start: Cell, cell_size: float) -> Path:
 
     cells = [np.array(start)]
     while to_go[tuple(cells[-1])] > 0:
-        ahead = cells[-1] + MOVES
+        ahead = cells[-1] + MOVES  # (8, 2)
         on_map = np.all((ahead >= 0) & (ahead < to_go.shape), axis=1)
         ahead = ahead[on_map]
+
+        # On a shortest path, a move and the way that is left after it are together as long as the
+        # way from here; after any other move they are longer.
         length = MOVE_LENGTHS[on_map] * cell_size
         cells.append(ahead[np.argmin(length + to_go[ahead[:, 0], ahead[:, 1]])])
 
@@ -171,11 +201,7 @@ def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np
     Metres, shape ``(S, 8, X, Y)``; +inf for moves into and from cells from which the goal cannot be
     reached.
     """
-    columns, rows = to_go.shape[1:]
-    padded = np.pad(to_go, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    ahead = np.stack(
-        [padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1
-    )
+    ahead = neighbours(to_go, np.inf, axis=1)
     length = MOVE_LENGTHS[:, None, None] * cell_size
 
     return ahead + length - np.where(np.isfinite(to_go), to_go, -np.inf)[:, None]
@@ -199,8 +225,9 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     """The highest target in dB at which start and goal are connected, exactly: the widest path's
     bottleneck.
 
-    The widest path runs in the maximum spanning tree of the free cells. Returns -inf where no path
-    exists at any target.
+    A path's bottleneck is its lowest gain; the widest path is that of the highest bottleneck. It
+    runs in the maximum spanning tree of the free cells (Hu, 1961), a move being as wide as the
+    lower of its two cells. Returns -inf where no path exists at any target.
 
     Parameters
     ----------
@@ -211,38 +238,52 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     ------
     ValueError
         Where ``gain_db`` is no map of numbers without NaN and +inf, or an end no cell of it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> gain_db = np.array([[-60.0, -70.0, -60.0], [-62.0, -64.0, -61.0]])
+    >>> highest_feasible_target(gain_db, (0, 0), (0, 2))  # over the second row
+    -64.0
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     start = as_cell(start, "start")
     goal = as_cell(goal, "goal")
     source = flat_cell(gain_db, start, "start")
     target = flat_cell(gain_db, goal, "goal")
-    # The tree is grown on ranks, 1 for the highest gain: positive weights whose order is that of
-    # the gains.
-    levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)
+
+    # Gains as ranks, 0 for the highest: a move costs the rank of the lower of its two cells. SciPy
+    # takes a weight of 0 for no edge, hence the 1.
+    levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)  # (K,), (X * Y,)
     rows, second, _ = edges(np.isfinite(gain_db))
-    cost = np.maximum(np.repeat(rank, np.diff(rows)), rank[second]) + 1.0
-    tree = minimum_spanning_tree(
-        csr_array((cost, second, rows), shape=(gain_db.size,) * 2), overwrite=True
-    )
+    first_rank = np.repeat(rank, np.diff(rows))  # (moves,)
+    cost = np.maximum(first_rank, rank[second]) + 1.0
+
+    # The tree that keeps the cheapest moves, those of the highest gains.
+    graph = csr_array((cost, second, rows), shape=(gain_db.size,) * 2)
+    tree = minimum_spanning_tree(graph, overwrite=True)
+
+    # In a tree there is one path between two cells: walk it back from the goal, and keep the worst
+    # rank on the way.
     _, before = breadth_first_order(tree, source, directed=False)
     cell = target
-    widest = rank[target]
+    worst = rank[target]
 
     while cell != source:
         cell = before[cell]
-        if cell < 0:
+        if cell < 0:  # another tree of the forest
             return -np.inf
-        widest = max(widest, rank[cell])
+        worst = max(worst, rank[cell])
 
-    return -float(levels[widest])
+    return -float(levels[worst])
 
 
 def largest_component(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The largest set of free cells that are all connected, shape ``(X, Y)``; the first of several
     as large.
     """
-    _, labels = connected_components(_graph(free), directed=False)
+    # obstacles are components of one cell each, and count for nothing
+    _, labels = connected_components(_graph(free), directed=False)  # (X * Y,)
     sizes = np.bincount(labels, weights=free.ravel())
     largest: NDArray[np.bool_] = labels == np.argmax(sizes)
 
@@ -268,8 +309,7 @@ def flat_cell(array: NDArray[np.generic], cell: Cell, name: str) -> int:
     if not (0 <= cell[0] < array.shape[0] and 0 <= cell[1] < array.shape[1]):
         raise ValueError(f"{name}={tuple(cell)} lies off the map of {array.shape} cells")
 
-    columns: int = array.shape[1]
-    return int(cell[0]) * columns + int(cell[1])
+    return int(flat_cells(np.array(cell), array.shape[:2]))
 
 
 def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
@@ -287,11 +327,15 @@ def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
     """
     # half the memory for all but giant maps
     index = np.dtype(np.int32 if free.size * len(MOVES) < 2**31 else np.int64)
-    legal = legal_moves(free) & free[:, :, None]
+    legal = legal_moves(free) & free[:, :, None]  # (X, Y, 8)
+
+    # how many moves leave each cell, added up
     rows: Integers = np.zeros(free.size + 1, dtype=index)
     np.cumsum(legal.sum(axis=2).ravel(), out=rows[1:])
+
+    # the legal moves in order, cell after cell, and where each leads
     cells, moves = np.divmod(np.flatnonzero(legal).astype(index), len(MOVES))
-    cells += (MOVES @ np.array([free.shape[1], 1])).astype(index)[moves]
+    cells += flat_cells(MOVES, free.shape).astype(index)[moves]
 
     return rows, cells, moves
 

@@ -18,9 +18,8 @@ except ModuleNotFoundError:  # an optional extra
 _CELL_BYTES = 2000  # for each cell: a square, joined with the others
 _SIGHT_BYTES = 100  # gone over for each pair of corners
 
-Points = NDArray[
-    np.int64
-]  # (n, 2), in half cells from the map's lower left corner, so that all are whole numbers
+# (n, 2), in half cells from the map's lower left corner, so that all are whole numbers
+Points = NDArray[np.int64]
 
 
 def straight_line_bound(
@@ -55,6 +54,15 @@ def straight_line_bound(
         be searched.
     ModuleNotFoundError
         Where shapely is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> feasible = np.ones((5, 3), dtype=bool)
+    >>> round(straight_line_bound(feasible, (0, 0), (4, 1), cell_size=0.5), 3)  # hypot(4, 1) cells
+    2.062
+    >>> round(shortest_path(feasible, (0, 0), (4, 1), cell_size=0.5).distance, 3)
+    2.207
     """
     if shapely is None:
         raise ModuleNotFoundError(
@@ -75,6 +83,7 @@ def straight_line_bound(
         0,
         _SIGHT_BYTES * len(corners) ** 2,
     )
+    # Cell (i, j) is the square from (2i, 2j) to (2i + 2, 2j + 2) half cells: the ends are centres.
     points = np.concatenate([2 * np.array([start, goal]) + 1, corners])
     bound = _search(points, np.append([0, 0], slopes), _area(feasible), 2 * path.distance) / 2
 
@@ -90,11 +99,14 @@ def _corners(feasible: NDArray[np.bool_]) -> tuple[Points, NDArray[np.int64]]:
     nor could be pulled straight, so its pieces run in the quadrants of the other diagonal, both on
     their way in and out.
     """
+    # around the corner (i, j) of cells, with infeasible ones outside of the map: (X + 1, Y + 1)
     blocked = np.pad(~feasible, 1, constant_values=True)
     south_west = blocked[:-1, :-1]
     south_east = blocked[1:, :-1]
     north_west = blocked[:-1, 1:]
     north_east = blocked[1:, 1:]
+
+    # Infeasible cells on one diagonal alone: the path bends around them, along the other one.
     rising = south_west | north_east
     falling = south_east | north_west
     slope = np.where(falling, 1, -1) * (rising != falling)
@@ -124,18 +136,23 @@ def _search(points: Points, slopes: NDArray[np.int64], area: Any, longest: float
 
     Lines of sight are tested only where they may lie on a taut path no longer than ``longest``.
     """
-    to_goal = np.hypot(*(points - points[1]).T)
+    to_goal = np.hypot(*(points - points[1]).T)  # (n,): never longer than the way to go
     reached = np.where(np.arange(len(points)) == 0, 0.0, inf)
     is_open = np.ones(len(points), dtype=bool)
 
+    # the open point whose way from the start, and straight on to the goal, is the shortest
     while (here := int(np.argmin(np.where(is_open, reached + to_goal, inf)))) != 1:
         is_open[here] = False
-        apart = points - points[here]
+
+        # which points could be next
+        apart = points - points[here]  # (n, 2)
         length = reached[here] + np.hypot(*apart.T)
         slope = np.sign(apart[:, 0] * apart[:, 1])
         is_taut = (slope * slopes >= 0) & (slope * slopes[here] >= 0)
         is_short = (length < reached) & (length + to_goal <= longest * (1 + 1e-12))
         ahead = np.flatnonzero(is_open & is_taut & is_short)
+
+        # and which of them can be seen from here
         sights = shapely.linestrings(
             np.stack([np.broadcast_to(points[here], (len(ahead), 2)), points[ahead]], axis=1)
         )

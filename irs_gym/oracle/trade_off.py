@@ -1,6 +1,4 @@
-"""`trade_off`: the shortest distance between two cells as a function of the target, every step of
-it exact.
-"""
+"""`trade_off`: the shortest distance between two cells over the target, every step of it exact."""
 
 from bisect import bisect_left
 from dataclasses import dataclass
@@ -33,6 +31,13 @@ class TradeOff:
         before, up to and with the one at its place.
     dijkstra_runs
         Runs of Dijkstra's algorithm that it took: one a step, and a last one that finds no path.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> steps = TradeOff(np.array([-64.0, -60.0]), np.array([1.0, 1.5]), dijkstra_runs=3)
+    >>> steps.distance_at([-65.0, -60.0, -59.0]).tolist()
+    [1.0, 1.5, inf]
     """
 
     targets_db: NDArray[np.float64]
@@ -80,6 +85,16 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     ValueError
         Where ``gain_db`` is no map of numbers without NaN and +inf or one of too many cells for
         exact sums, an end no cell of it, or ``cell_size`` not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> gain_db = np.array([[-60.0, -70.0, -60.0], [-62.0, -64.0, -61.0]])
+    >>> steps = trade_off(gain_db, (0, 0), (0, 2), cell_size=0.5)
+    >>> steps.targets_db.tolist()  # straight on over -70 dB, around it over -64 dB
+    [-70.0, -64.0]
+    >>> steps.distances.round(3).tolist()
+    [1.0, 1.414]
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     if gain_db.size > _MOST_CELLS:
@@ -92,18 +107,22 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     goal = as_cell(goal, "goal")
     source = flat_cell(gain_db, start, "start")
     sink = flat_cell(gain_db, goal, "goal")
-    gain = gain_db.ravel()
+    gain = gain_db.ravel()  # (X * Y,)
+
     targets_db: list[float] = []
     distances: list[float] = []
-    above = -np.inf
+    above = -np.inf  # targets up to and with this one are settled
     runs = 0
 
     while min(gain[source], gain[sink]) > above:
+        # the distance for targets that are a little higher
         to_go, graph = _distances_to_go(gain_db > above, sink)
         runs += 1
         if np.isinf(to_go[source]):
             break
 
+        # It stays the same as long as one of all the shortest paths is feasible: up to the
+        # bottleneck of the widest of them.
         above = _bottleneck(_shortest_paths(graph, to_go), gain, source, sink)
         targets_db.append(above)
         distances.append(_true_length(to_go[source], gain.size) * cell_size)
@@ -127,6 +146,7 @@ def _whole_lengths(cells: int) -> tuple[int, int]:
     q = 1
     p = 1
 
+    # p/q = 1/1, 3/2, 7/5, 17/12 ...
     while q <= 2 * cells:
         q, p = q + p, 2 * q + p
 
@@ -136,6 +156,7 @@ def _whole_lengths(cells: int) -> tuple[int, int]:
 def _true_length(whole: float, cells: int) -> float:
     """Length in cells, a + b sqrt(2), of a whole length a q + b p."""
     q, p = _whole_lengths(cells)
+    # modulo q, the whole length is b p, and p has an inverse; b is less than q
     diagonal = int(whole) * pow(p, -1, q) % q
     return (int(whole) - diagonal * p) // q + diagonal * sqrt(2.0)
 
@@ -156,8 +177,10 @@ def _distances_to_go(free: NDArray[np.bool_], sink: int) -> tuple[NDArray[np.flo
 
 def _shortest_paths(graph: csr_array, to_go: NDArray[np.float64]) -> tuple[Integers, Integers]:
     """The moves (from, to) that lie on a shortest path to the goal."""
-    first = np.repeat(np.arange(len(to_go)), np.diff(graph.indptr))
+    first = np.repeat(np.arange(len(to_go)), np.diff(graph.indptr))  # (moves,)
 
+    # A move is on one if it takes off the way to go exactly its own length: whole numbers, so that
+    # the comparison is exact.
     with np.errstate(invalid="ignore"):  # inf - inf where the goal cannot be reached
         is_shortest = to_go[first] - to_go[graph.indices] == graph.data
 
@@ -169,15 +192,18 @@ def _bottleneck(
 ) -> float:
     """The highest gain that some path along ``moves`` keeps from source to sink."""
     first, second = moves
-    width = np.minimum(gain[first], gain[second])
+    width = np.minimum(gain[first], gain[second])  # (moves,): the highest target that allows each
 
     def reached(target_db: float) -> Integers:
         kept = width >= target_db
         graph = csr_array((kept[kept], (first[kept], second[kept])), shape=(gain.size,) * 2)
         return np.asarray(breadth_first_order(graph, source, return_predecessors=False))
 
-    values = np.unique(gain[reached(-np.inf)])
+    # The bottleneck is the gain of some cell on the way, and neither end has a lower one.
+    values = np.unique(gain[reached(-np.inf)])  # rising
     values = values[values <= min(gain[source], gain[sink])]
+
+    # Bisection: the goal is reached up to some gain, and at none above.
     lost = bisect_left(values, True, key=lambda target_db: sink not in reached(target_db))
 
     return float(values[lost - 1])

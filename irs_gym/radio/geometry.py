@@ -1,13 +1,12 @@
-"""Axis-aligned boxes in three dimensions: which points they hold and which line segments they
-block.
-"""
+"""`Boxes`: axis-aligned boxes, which points they hold and which lines of sight they cut."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-TOUCH = 1e-9  # metres, and fraction of a segment: less overlap than this is a touch, not an intersection
+# Metres, and fraction of a segment: less overlap than this is a touch, not an intersection.
+TOUCH = 1e-9
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ def is_line_of_sight(
     times the segment. A ray that only grazes a face, an edge or a corner is not blocked. Returns
     shape ``(...)``.
     """
-    direction = np.asarray(target, dtype=np.float64) - points
+    direction = np.asarray(target, dtype=np.float64) - points  # (..., 3)
     clear = np.ones(points.shape[:-1], dtype=bool)
 
     for low, high in zip(boxes.lower, boxes.upper, strict=True):
@@ -55,7 +54,12 @@ def _chord(
     low: NDArray[np.float64],
     high: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Fraction of each segment inside one box, at most 0 where it misses the box."""
+    """Fraction of each segment inside one box, at most 0 where it misses the box.
+
+    The box is where three slabs overlap, one an axis. On the segment start + t direction, t from 0
+    to 1, each slab is entered at one t and left at another; the segment is in the box from the last
+    entry to the first exit.
+    """
     enter = np.zeros(start.shape[:-1])
     leave = np.ones(start.shape[:-1])
 
@@ -72,6 +76,7 @@ def _chord(
         within = (origin > low[axis]) & (origin < high[axis])
         near = np.where(parallel, np.where(within, -np.inf, np.inf), np.minimum(to_low, to_high))
         far = np.where(parallel, np.where(within, np.inf, -np.inf), np.maximum(to_low, to_high))
+
         enter = np.maximum(enter, near)
         leave = np.minimum(leave, far)
 

@@ -24,6 +24,7 @@ def path_loss_db(
     is_clear
         Line of sight or not, same shape.
     """
+    # the paper's max(L_LoS, L_NLoS) without line of sight
     los = path_loss.line_of_sight.loss_db(distance_m, carrier_ghz)
     nlos = path_loss.non_line_of_sight.loss_db(distance_m, carrier_ghz)
     return np.asarray(np.where(is_clear, los, np.maximum(los, nlos)))
@@ -63,7 +64,7 @@ def link(scene: Scene, points: NDArray[np.float64], end: ArrayLike) -> Link:
         Where a point coincides with the end, as the path loss model knows no distance of 0, or is
         so near to it that path loss would be a gain.
     """
-    offset = points - np.asarray(end, dtype=np.float64)
+    offset = points - np.asarray(end, dtype=np.float64)  # (..., 3)
     distance = np.sqrt(np.einsum("...k,...k->...", offset, offset))
     if not distance.all():
         raise ValueError(
@@ -79,7 +80,7 @@ def link(scene: Scene, points: NDArray[np.float64], end: ArrayLike) -> Link:
             f"{tuple(np.asarray(end).tolist())} m, and no passive link has one below 0"
         )
 
-    gain = db_to_linear(-loss_db)
+    gain = db_to_linear(-loss_db)  # L of eqs. (1) to (3): the loss in dB, as a linear gain
     rician = np.where(is_clear, db_to_linear(scene.rician_factor_db), 0.0)
 
     return Link(distance, offset / distance[..., None], gain, rician)

@@ -1,9 +1,10 @@
-"""`RadioMap`: the expected channel gain of every floor cell, built from a scene, from an array or
-from a file.
+"""`RadioMap`: the expected channel gain of every floor cell, built of a `RadioModel`, an array or a
+file.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from io import BytesIO
 from math import isfinite
 from pathlib import Path
@@ -42,6 +43,13 @@ class RadioMap:
     free
         Bool, shape ``(X, Y)``, read-only: the cells that a robot can enter, whatever the target. By
         default those where anything is received.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> radio_map = RadioMap.from_array([[-60.0, -np.inf, -70.0]], cell_size=0.5)
+    >>> radio_map.feasible(-65.0).tolist(), radio_map.free.tolist()
+    ([[True, False, False]], [[True, False, True]])
     """
 
     gain_db: NDArray[np.float64]
@@ -185,6 +193,73 @@ class RadioMap:
             raise ValueError(f"{str(place)!r} is not a radio map: {error}") from None
 
 
+@dataclass(frozen=True, kw_only=True)
+class RadioModel:
+    """What the radio is: a scene in cells, and how its IRS is built and modelled.
+
+    Attributes
+    ----------
+    scene
+        The room with its obstacles, access points and panels.
+    cell_size
+        Edge of a cell in metres; must divide both sides of the room.
+    irs_elements
+        Elements on each panel in place of the scene's; None: as the scene says.
+    phase_bits, quantiser, array_model
+        See `irs_gym.radio.irs.Hardware`; ``phase_bits=None`` is continuous phases.
+
+    Examples
+    --------
+    >>> RadioModel.of("paper", 1.0, None, None, "nearest", "far_field").grid.shape
+    (20, 20)
+    """
+
+    scene: Scene
+    cell_size: float
+    irs_elements: int | None
+    phase_bits: int | None
+    quantiser: Quantiser
+    array_model: ArrayModel
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene | str | Path,
+        cell_size: float,
+        irs_elements: int | None,
+        phase_bits: int | None,
+        quantiser: Quantiser,
+        array_model: ArrayModel,
+    ) -> "RadioModel":
+        """Model of a scene, its name or its path, with the resolution that the scene says where
+        none is given.
+        """
+        scene = as_scene(scene)
+        return cls(
+            scene=scene,
+            cell_size=cell_size,
+            irs_elements=irs_elements,
+            phase_bits=scene.phase_bits if phase_bits is None else phase_bits,
+            quantiser=quantiser,
+            array_model=array_model,
+        )
+
+    @cached_property
+    def built_scene(self) -> Scene:
+        """The scene with `irs_elements` on its panels; a ``ValueError`` where they do not fit."""
+        return self.scene.with_irs_elements(self.irs_elements)
+
+    @property
+    def hardware(self) -> Hardware:
+        """The phase shifters, and how the array is modelled."""
+        return Hardware(self.phase_bits, self.quantiser, self.array_model)
+
+    @property
+    def grid(self) -> Grid:
+        """The cells; a ``ValueError`` where their size does not divide the room."""
+        return self.scene.grid(self.cell_size)
+
+
 def build_radio_map(
     scene: Scene | str | Path = "paper",
     cell_size: float = 0.5,
@@ -221,23 +296,17 @@ def build_radio_map(
         Where there is no such scene.
     ValueError
         Where an argument is out of its range; the message names it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> with_irs = build_radio_map("paper", cell_size=1.0)
+    >>> without_irs = build_radio_map("paper", cell_size=1.0, irs_elements=0)
+    >>> bool(np.all(with_irs.gain_db >= without_irs.gain_db))
+    True
     """
-    scene = as_scene(scene).with_irs_elements(irs_elements)
-    hardware = _hardware(scene, phase_bits, quantiser, array_model)
-    grid = scene.grid(cell_size)
-    width = _width(scene, hardware, needs_shifts=False)
-    _check_work(scene, grid, width)
-    gain_db = np.full(grid.shape, -np.inf)
-
-    for cells, positions in _blocks(scene, grid, width):
-        gains = np.max(
-            [channel(scene, ap, positions).expected_gain(hardware) for ap in scene.access_points],
-            axis=0,
-        )
-        _check_gains(grid, cells, gains)
-        gain_db.flat[cells] = linear_to_db(gains)
-
-    return RadioMap(gain_db, grid=grid)
+    model = RadioModel.of(scene, cell_size, irs_elements, phase_bits, quantiser, array_model)
+    return build_map_and_shifts(model, needs_shifts=False)[0]
 
 
 def build_phase_shifts(
@@ -253,29 +322,42 @@ def build_phase_shifts(
     Same arguments as `build_radio_map`. Shape ``(X, Y, N)`` with N the sub-surfaces of all panels,
     panel after panel, column after column; zero in obstacles. With several access points, the
     phases serve the cell's own.
+
+    Examples
+    --------
+    >>> build_phase_shifts("paper", cell_size=1.0, phase_bits=1).shape  # 60 sub-surfaces
+    (20, 20, 60)
     """
-    scene = as_scene(scene).with_irs_elements(irs_elements)
-    hardware = _hardware(scene, phase_bits, quantiser, array_model)
-    grid = scene.grid(cell_size)
-    subsurfaces = sum(panel.subsurfaces for panel in scene.irs_panels)
-    cells_in_all = grid.shape[0] * grid.shape[1]
-    check_memory(
-        f"irs_elements: phase shifts of {subsurfaces} sub-surfaces in {cells_in_all} cells, at cell_size={cell_size},",
-        4.0 * subsurfaces * cells_in_all,
-    )
-    width = _width(scene, hardware, needs_shifts=True)
-    _check_work(scene, grid, width)
-    shifts = np.zeros((*grid.shape, subsurfaces), dtype=np.float32)
-    by_cell = shifts.reshape(cells_in_all, -1)
+    model = RadioModel.of(scene, cell_size, irs_elements, phase_bits, quantiser, array_model)
+    _check_work(model, needs_shifts=True)
+    shifts = _no_shifts(model, needs_shifts=True)
+    by_cell = shifts.reshape(shifts.shape[0] * shifts.shape[1], -1)  # (X * Y, N), a view
 
-    for cells, positions in _blocks(scene, grid, width):
-        channels = [channel(scene, ap, positions) for ap in scene.access_points]
-        serving = np.argmax([each.expected_gain(hardware) for each in channels], axis=0)
-
-        for n, each in enumerate(channels):
-            by_cell[cells[serving == n]] = each.phase_shifts(hardware)[serving == n]
+    for cells, _, held in _receive(model, needs_shifts=True):
+        by_cell[cells] = held
 
     return shifts
+
+
+def build_map_and_shifts(
+    model: RadioModel, *, needs_shifts: bool = True
+) -> tuple[RadioMap, NDArray[np.float32]]:
+    """What `build_radio_map` and `build_phase_shifts` give, in one pass over the channel.
+
+    The shifts are of shape ``(X, Y, 0)`` where none are needed.
+    """
+    _check_work(model, needs_shifts=needs_shifts)
+    grid = model.grid
+    gain_db = np.full(grid.shape, -np.inf)
+    shifts = _no_shifts(model, needs_shifts=needs_shifts)
+    by_cell = shifts.reshape(gain_db.size, -1)  # (X * Y, N), a view
+
+    for cells, gains, held in _receive(model, needs_shifts=needs_shifts):
+        _check_gains(grid, cells, gains)
+        gain_db.flat[cells] = linear_to_db(gains)
+        by_cell[cells] = held
+
+    return RadioMap(gain_db, grid=grid), shifts
 
 
 def as_scene(scene: Scene | str | Path) -> Scene:
@@ -289,39 +371,89 @@ def _scalar(arrays: dict[str, NDArray[Any]], name: str) -> Any:
     return arrays[name].item()
 
 
-def _hardware(
-    scene: Scene, phase_bits: int | None, quantiser: Quantiser, array_model: ArrayModel
-) -> Hardware:
-    return Hardware(scene.phase_bits if phase_bits is None else phase_bits, quantiser, array_model)
+def _receive(
+    model: RadioModel, *, needs_shifts: bool
+) -> Iterator[tuple[NDArray[np.int64], Floats, Floats]]:
+    """What is received in the free cells, block by block, each from the access point that serves it
+    best.
+
+    Yields flat indices of cells ``(n,)``, expected gains ``(n,)``, linear, and phase shifts ``(n,
+    N)``, or ``(n, 0)`` where none are needed.
+    """
+    scene = model.built_scene
+    hardware = model.hardware
+
+    for cells, positions in _blocks(scene, model.grid, _width(model, needs_shifts=needs_shifts)):
+        gains = np.full(len(cells), -np.inf)  # (n,)
+        shifts = np.zeros((len(cells), 0))  # (n, N) from the first access point on
+
+        for n, access_point in enumerate(scene.access_points):
+            site = channel(scene, access_point, positions)
+            if needs_shifts:
+                own_gains, own_shifts = site.gain_and_shifts(hardware)
+            else:
+                own_gains, own_shifts = site.expected_gain(hardware), shifts
+
+            # Of equal access points the first serves. The best so far is kept, not the shifts of
+            # all to choose from: a block of shifts is large.
+            is_better = own_gains > gains
+            shifts = own_shifts if n == 0 else np.where(is_better[:, None], own_shifts, shifts)
+            gains = np.maximum(gains, own_gains)
+
+        yield cells, gains, shifts
 
 
-def _width(scene: Scene, hardware: Hardware, *, needs_shifts: bool) -> int:
+def _no_shifts(model: RadioModel, *, needs_shifts: bool) -> NDArray[np.float32]:
+    """Phase shifts of 0 in every cell, ``(X, Y, N)``, or ``(X, Y, 0)`` where none are needed."""
+    panels = model.built_scene.irs_panels if needs_shifts else ()
+    subsurfaces = sum(panel.subsurfaces for panel in panels)
+
+    return np.zeros((*model.grid.shape, subsurfaces), dtype=np.float32)
+
+
+def _width(model: RadioModel, *, needs_shifts: bool) -> int:
     """Complex entries for each cell: elements or sub-surfaces of the largest panel, 0 where sums
     need no array.
     """
-    is_spherical = hardware.array_model == "spherical"
-    if not (is_spherical or needs_shifts or hardware.levels is not None):
+    is_spherical = model.array_model == "spherical"
+    if not (is_spherical or needs_shifts or model.hardware.levels is not None):
         return 0
 
-    return max([p.elements if is_spherical else p.subsurfaces for p in scene.irs_panels], default=0)
+    return max(
+        [p.elements if is_spherical else p.subsurfaces for p in model.built_scene.irs_panels],
+        default=0,
+    )
 
 
-def _check_work(scene: Scene, grid: Grid, width: int) -> None:
-    """Refuse a map that would take too much memory or work; the ``ValueError`` names what makes it
-    large.
+def _check_work(model: RadioModel, *, needs_shifts: bool) -> None:
+    """Refuse a map that would take too much memory or work, before any; the ``ValueError`` names
+    what makes it large.
     """
+    scene = model.built_scene
+    width = _width(model, needs_shifts=needs_shifts)
+    grid = model.grid
     cells = grid.shape[0] * grid.shape[1]
+    if needs_shifts:
+        subsurfaces = sum(panel.subsurfaces for panel in scene.irs_panels)
+        check_memory(
+            f"irs_elements: phase shifts of {subsurfaces} sub-surfaces in {cells} cells, "
+            f"at cell_size={model.cell_size},",
+            4.0 * subsurfaces * cells,
+        )
+
     block = max(_BLOCK, width)
     grid.check_memory(_CELL_BYTES)
     links = len(scene.access_points) * (1 + len(scene.irs_panels))
     entries = len(scene.access_points) * max(1, len(scene.irs_panels)) * width
     check_memory(
-        f"irs_elements: {width} elements or sub-surfaces for each of {cells} cells, at cell_size={grid.cell_size},",
+        f"irs_elements: {width} elements or sub-surfaces for each of {cells} cells, "
+        f"at cell_size={grid.cell_size},",
         min(block, cells * width) * max(1, len(scene.irs_panels)) * _ENTRY_BYTES,
         cells * entries * _ENTRY_BYTES,
     )
     check_memory(
-        f"cell_size={grid.cell_size}: {links} links past {len(scene.obstacles)} obstacles to each of {cells} cells",
+        f"cell_size={grid.cell_size}: {links} links past {len(scene.obstacles)} obstacles "
+        f"to each of {cells} cells",
         0,
         cells * links * (1 + len(scene.obstacles)) * _LINK_BYTES,
     )
@@ -331,11 +463,12 @@ def _check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
     """Refuse gains that are no positive numbers: they would pass for obstacles."""
     wrong = np.flatnonzero(~((gains > 0) & (gains < np.inf)))
     if len(wrong):
-        i, j = divmod(int(cells[wrong[0]]), grid.shape[1])
+        cell = grid.cell_at(int(cells[wrong[0]]))
         what = "underflows to 0" if gains[wrong[0]] == 0 else f"is {gains[wrong[0]]}"
         raise ValueError(
-            f"the expected gain in the free cell {(i, j)} {what}: path_loss, carrier_ghz, rician_factor_db or the size "
-            "of room and panels are beyond what numbers of 64 bits can hold"
+            f"the expected gain in the free cell {cell} {what}: path_loss, carrier_ghz, "
+            "rician_factor_db or the size of room and panels are beyond what numbers of 64 bits "
+            "can hold"
         )
 
 

@@ -1,6 +1,4 @@
-"""`Scene`: the factory as data (room, obstacles, access points, IRS panels, task), validated,
-loaded and saved.
-"""
+"""`Scene`: the factory as data (room, obstacles, antennas, task), validated, loaded and saved."""
 
 import json
 from collections.abc import Mapping
@@ -40,7 +38,7 @@ Wall = Literal["x_min", "x_max", "y_min", "y_max"]
 TARGET_DB = -61.8  # the paper's, where nothing else is said
 MOST_ELEMENTS = 10**12  # of a panel
 _FILE_BYTES = 2**24  # of a scene file; that of a factory has a few thousand
-_MOST_TOLD = 10  # mistakes of one file
+_MOST_LISTED = 10  # mistakes of one file
 
 
 class _Part(BaseModel):
@@ -76,7 +74,7 @@ class Room(_Part):
 
     def holds(self, point: Point2 | Point3) -> bool:
         """Whether a point lies in the room, its walls included."""
-        height = point[2] if len(point) == 3 else 0.0
+        height = point[2] if len(point) == 3 else 0.0  # on the floor where none is given
         # a box flush with a wall may end a rounding error behind it
         over = (
             self.x_min - point[0],
@@ -128,7 +126,8 @@ class IrsPanel(_Part):
     def _can_be_counted(self) -> Self:
         if self.elements > MOST_ELEMENTS:
             raise ValueError(
-                f"columns, rows and elements_per_subsurface make {self.elements} elements, not at most 1e12"
+                f"columns, rows and elements_per_subsurface make {self.elements} elements, "
+                "not at most 1e12"
             )
         return self
 
@@ -155,8 +154,9 @@ class IrsPanel(_Part):
 
 
 class PathLossCoefficients(_Part):
-    """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), all in
-    dB.
+    """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), in dB.
+
+    The form of eqs. (18) and (19) of the paper, and of 3GPP TR 38.901, table 7.4.1-1.
     """
 
     intercept_db: Decibels
@@ -185,6 +185,15 @@ class Scene(_Part):
     """A factory and the task in it. Lengths in metres, z = 0 on the floor.
 
     Any mistake raises a ``ValueError`` that names the field.
+
+    Examples
+    --------
+    >>> scene = load_scene("paper")
+    >>> len(scene.obstacles), scene.irs_panels[0].elements
+    (5, 1200)
+    >>> Scene.from_data({**scene.to_data(), "carrier_ghz": -2.0})
+    Traceback (most recent call last):
+    ValueError: scene: carrier_ghz: Input should be greater than 0 (got -2.0)
     """
 
     format_version: Literal[1] = 1
@@ -200,9 +209,8 @@ class Scene(_Part):
     rician_factor_db: Decibels
     path_loss: PathLoss
     target_db: float = TARGET_DB  # lowest expected channel gain that keeps the robot connected
-    phase_bits: PhaseBits | None = (
-        None  # resolution of all panels' phase shifters; None for continuous phases
-    )
+    # resolution of all panels' phase shifters; None for continuous phases
+    phase_bits: PhaseBits | None = None
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -212,6 +220,7 @@ class Scene(_Part):
         return self
 
     def _misplaced_parts(self) -> list[str]:
+        """What to say of boxes, access points and panels that are not where they can be."""
         room = self.room
         mistakes = []
 
@@ -228,11 +237,13 @@ class Scene(_Part):
                 )
 
         for n, panel in enumerate(self.irs_panels):
+            # a wall is named by the coordinate that is the same all along it: "x_min"
             where = panel.position["xy".index(panel.wall[0])]
             wall = getattr(room, panel.wall)
             if not room.holds(panel.position) or abs(where - wall) > TOUCH:
                 mistakes.append(
-                    f"irs_panels[{n}].position={panel.position} must lie on its wall, {panel.wall[0]} = {wall}"
+                    f"irs_panels[{n}].position={panel.position} must lie on its wall, "
+                    f"{panel.wall[0]} = {wall}"
                 )
 
             mistakes += self._too_near(n, panel)
@@ -245,7 +256,7 @@ class Scene(_Part):
         return mistakes
 
     def _too_near(self, n: int, panel: IrsPanel) -> list[str]:
-        """What to say of a panel that is so near to an access point that path loss would be a gain."""
+        """What to say of a panel so near to an access point that path loss would be a gain."""
         apart = np.array([point.position for point in self.access_points]) - panel.position
         nearest = float(np.sqrt((apart**2).sum(axis=1)).min())
         if nearest <= TOUCH:
@@ -256,11 +267,12 @@ class Scene(_Part):
             return []
 
         return [
-            f"irs_panels[{n}].position={panel.position} is {nearest:.3g} m from an access point: path_loss there is "
-            f"{loss_db:.4g} dB, and no passive link has one below 0"
+            f"irs_panels[{n}].position={panel.position} is {nearest:.3g} m from an access point: "
+            f"path_loss there is {loss_db:.4g} dB, and no passive link has one below 0"
         ]
 
     def _misplaced_ends(self) -> list[str]:
+        """What to say of a start and a goal where no robot can be, or that are one."""
         mistakes = []
         for field in ("start", "goal"):
             point = getattr(self, field)
@@ -296,7 +308,7 @@ class Scene(_Part):
     def boxes(self) -> Boxes:
         """The obstacles as arrays."""
         corners = [(box.lower, box.upper) for box in self.obstacles]
-        both = np.array(corners, dtype=np.float64).reshape(-1, 2, 3)
+        both = np.array(corners, dtype=np.float64).reshape(-1, 2, 3)  # (B, 2, 3), B may be 0
         return Boxes(both[:, 0], both[:, 1])
 
     def grid(self, cell_size: float) -> Grid:
@@ -345,14 +357,16 @@ class Scene(_Part):
 
 
 def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:
+    """The panel with as many rows of sub-surfaces as hold so many elements in all."""
     step = panel.elements_per_row
     rows, rest = divmod(elements, step)
     if rest or rows < 1:
         below = max(rows, 0) * step
         above = (max(rows, 0) + 1) * step
         raise ValueError(
-            f"irs_elements={elements} does not fill whole rows of sub-surfaces: a row of {panel.columns} sub-surfaces "
-            f"of {step // panel.columns} elements takes {step}, so {below} or {above} would fit"
+            f"irs_elements={elements} does not fill whole rows of sub-surfaces: a row of "
+            f"{panel.columns} sub-surfaces of {step // panel.columns} elements takes {step}, "
+            f"so {below} or {above} would fit"
         )
 
     return panel.model_copy(update={"rows": rows})
@@ -373,6 +387,11 @@ def load_scene(source: str | Path) -> Scene:
         Where there is neither such a scene nor such a file.
     ValueError
         Where the file is not a valid scene; the message names each field at fault.
+
+    Examples
+    --------
+    >>> load_scene("paper").room.height
+    5.0
     """
     place = as_path(source, "scene")
     if source in scene_names():
@@ -412,11 +431,13 @@ def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
 
 
 def _in_one_line(error: ValidationError) -> str:
+    """What pydantic says of each mistake, with the field at fault: ``start[0]: ...; goal: ...``."""
     mistakes = []
-    for mistake in error.errors(include_url=False)[:_MOST_TOLD]:
+    for mistake in error.errors(include_url=False)[:_MOST_LISTED]:
         field = "".join(
             f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]
         ).lstrip(".")
+        # what was given instead of a missing field, or to a check of all fields, is the whole part
         is_whole_part = mistake["type"] == "missing" or not field
         given = "" if is_whole_part else f" (got {_shortened(mistake['input'])})"
         said = mistake["msg"].removeprefix("Value error, ")
@@ -427,6 +448,7 @@ def _in_one_line(error: ValidationError) -> str:
 
 
 def _shortened(value: Any) -> str:
+    """A value as Python writes it, cut after 200 characters."""
     try:
         said = repr(value)
     except ValueError:  # an integer of thousands of digits

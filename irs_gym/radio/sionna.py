@@ -40,6 +40,18 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
     ValueError
         Where the plane is not horizontal and aligned with the axes, its cells are not square, or an
         array is at fault.
+
+    Examples
+    --------
+    What stands in for Sionna's result here is made by hand:
+
+    >>> from types import SimpleNamespace
+    >>> centres = [[[0.25, 0.25, 1.5], [0.75, 0.25, 1.5]]]  # two cells along x
+    >>> path_gain = [[[1e-6, 0.0]]]
+    >>> traced = SimpleNamespace(path_gain=path_gain, cell_centers=centres, cell_size=(0.5, 0.5))
+    >>> radio_map = from_sionna(traced)
+    >>> radio_map.gain_db.tolist(), radio_map.grid.origin
+    ([[-60.0], [-inf]], (0.0, 0.0))
     """
     missing = [
         name for name in ("path_gain", "cell_centers", "cell_size") if not hasattr(radio_map, name)
@@ -55,7 +67,8 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
             f"path_gain, of the shape {path_gain.shape}, must be linear gains (transmitters, Y, X)"
         )
 
-    gain_db = linear_to_db(path_gain.max(axis=0).T)
+    # the best transmitter of each cell; Sionna's rows run along y, ours along x
+    gain_db = linear_to_db(path_gain.max(axis=0).T)  # (X, Y)
     if free is not None and (np.shape(free) != gain_db.shape or np.asarray(free).dtype != bool):
         raise ValueError(f"free must be an array of bools of the map's shape {gain_db.shape}")
 
@@ -76,15 +89,18 @@ def _cells(radio_map: Any, shape: tuple[int, ...]) -> tuple[float, tuple[float, 
     centres = np.asarray(radio_map.cell_centers, dtype=np.float64)
     if centres.shape != (shape[1], shape[0], 3):
         raise ValueError(
-            f"cell_centers has the shape {centres.shape}, but the path gains need {(*shape[::-1], 3)}"
+            f"cell_centers has the shape {centres.shape}, "
+            f"but the path gains need {(*shape[::-1], 3)}"
         )
 
+    # where all centres would be, counted from the first one
     first = centres[0, 0]
     x, y = (low + cell_size * np.arange(n) for low, n in zip(first[:2], shape, strict=True))
     level = np.stack([*np.meshgrid(x, y), np.full(shape[::-1], first[2])], axis=-1)
     if not np.allclose(centres, level, rtol=0, atol=cell_size / 100):
         raise ValueError(
-            "the measurement plane must be horizontal, its cells along x and y: orientation=(0, 0, 0)"
+            "the measurement plane must be horizontal, its cells along x and y: "
+            "orientation=(0, 0, 0)"
         )
 
     corner_x, corner_y = (first[:2] - cell_size / 2).round(_DECIMALS).tolist()

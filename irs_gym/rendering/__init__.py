@@ -1,4 +1,4 @@
-"""Pictures (`draw_frame`) and text (`text_frame`) of a robot's trail over a `View` of its episode,
+"""Pictures (`draw_frame`) and text (`text_frame`) of a robot's path over a `View` of its episode,
 with no window or display.
 """
 

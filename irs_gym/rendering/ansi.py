@@ -8,20 +8,24 @@ from irs_gym.rendering.layout import rows_from_top
 from irs_gym.rendering.view import Point, View, checked_cells
 
 
-def text_frame(view: View, trail: ArrayLike) -> str:
-    """The same as `draw` in plain characters, one a cell within a border, under a line of numbers
-    and over a legend.
+def text_frame(view: View, path: ArrayLike) -> str:
+    """The same as `draw_frame` in plain characters: one a cell within a border, under a line of
+    numbers and over a legend.
 
     Raises
     ------
     ValueError
-        Where ``trail`` is not of shape ``(T, 2)``, T >= 1, or leaves the grid.
+        Where ``path`` is not of shape ``(T, 2)``, T >= 1, or leaves the grid.
     """
-    cells = checked_cells(view.grid, trail, "trail")
-    marks = np.full(np.add(view.grid.shape, 2), "+")
-    marks[1:-1, [0, -1]], marks[[0, -1], 1:-1] = "-", "|"
+    cells = checked_cells(view.grid, path, "path")
+
+    # The border leaves "+" in the corners.
+    marks = np.full(np.add(view.grid.shape, 2), "+")  # (X + 2, Y + 2)
+    marks[1:-1, [0, -1]] = "-"
+    marks[[0, -1], 1:-1] = "|"
     marks[1:-1, 1:-1] = np.where(view.is_obstacle, "#", np.where(view.is_below, "~", "."))
 
+    # Later marks lie over earlier ones.
     for mark, where in (
         ("o", np.reshape(view.oracle_cells, (-1, 2)).astype(np.int64) + 1),
         ("*", cells + 1),
@@ -34,12 +38,14 @@ def text_frame(view: View, trail: ArrayLike) -> str:
         marks[where[:, 0], where[:, 1]] = mark
 
     gain_db = view.gain_db[tuple(cells[-1])]
+    margin_db = gain_db - view.target_db
 
     return "\n".join(
         [
-            f"target {view.target_db:.2f} dB   gain {gain_db:.2f} dB   margin {gain_db - view.target_db:+.2f} dB",
+            f"target {view.target_db:.2f} dB   gain {gain_db:.2f} dB   margin {margin_db:+.2f} dB",
             *("".join(row) for row in rows_from_top(marks)),
-            "R robot   * robot path   o oracle path   S start   G goal   A access point   I IRS panel",
+            "R robot   * robot path   o oracle path   S start   G goal   A access point   "
+            "I IRS panel",
             ". feasible   ~ below target   # obstacle",
         ]
     )

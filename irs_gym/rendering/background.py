@@ -1,8 +1,9 @@
-"""`Background`: all that the frames of an episode share, drawn once."""
+"""`background_of`: all that the frames of an episode share, drawn once for each `View`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,11 +12,10 @@ from numpy.typing import NDArray
 from irs_gym.rendering import primitives
 from irs_gym.rendering.layout import Layout, round_steps, rows_from_top
 from irs_gym.rendering.primitives import Floats
+from irs_gym.rendering.view import View
 
 if TYPE_CHECKING:
     from PIL import Image
-
-    from irs_gym.rendering.view import View
 
 # Perceptually uniform and rising in lightness, so that it reads in grey too: nine anchors of
 # viridis. Its darkest ninth is left out, so that obstacles are darker than any gain.
@@ -46,12 +46,15 @@ class Background:
     def __init__(self, view: View) -> None:
         from PIL import Image, ImageDraw
 
+        # The legend decides how much room is left for the map, so it comes first.
         entries = _entries(view)
         self.layout = layout = Layout.fit(view.grid, view.size, [label for label, _ in entries])
         self.image = image = Image.new("RGB", layout.size, primitives.WHITE)
         pen = ImageDraw.Draw(image)
         em = layout.em
         font = primitives.font(layout.em)
+
+        # from the back to the front: what is drawn later lies over what was drawn before
         _paint_map(image, view, layout)
         _paint_axes(image, layout)
         _paint_colour_bar(image, view, layout)
@@ -69,6 +72,15 @@ class Background:
         title = f"target {view.target_db:.2f} dB"
         pen.text((layout.left, 1.5 * em), title, primitives.BLACK, font, anchor="ls")
         self.margin_at = (layout.left + font.getlength(title) + 1.5 * em, 1.5 * em)
+
+
+# As many as `irs_gym.rendering.episode_view.view_of` keeps views: each has its background at hand.
+@lru_cache(maxsize=32)
+def background_of(view: View) -> Background:
+    """The background of a view, drawn when it is first asked for; views are equal to themselves
+    alone.
+    """
+    return Background(view)
 
 
 Sample = Callable[["Image.Image", Floats, int], None]
@@ -122,10 +134,12 @@ def _paint_map(image: Image.Image, view: View, layout: Layout) -> None:
     """The gain in colour, pale and hatched below the target, and the obstacles."""
     from PIL import Image as images
 
-    gain_db = np.where(view.is_obstacle, 0.0, view.gain_db)
+    # no colour is read off the -inf of an obstacle, which has its own
+    gain_db = np.where(view.is_obstacle, 0.0, view.gain_db)  # (X, Y)
     colours = np.where(view.is_obstacle[..., None], OBSTACLE, _colours(view, gain_db))
 
     def enlarged(cells: NDArray[Any]) -> Floats:
+        # BOX averages over a pixel, so the edges of cells are soft where pixels straddle them
         rows = images.fromarray(np.ascontiguousarray(rows_from_top(cells), dtype=np.uint8))
         return np.asarray(rows.resize(layout.map_size, images.Resampling.BOX), dtype=np.float64)
 
@@ -155,9 +169,11 @@ def _hatched(pixels: Floats, share: Floats, em: int) -> Floats:
     """
     rows, columns = np.indices(share.shape)
     period = max(5, round(0.6 * em))
+    # diagonals: rows + columns is the same all along one; 1 on a line, 0 between, soft at its rim
     line = np.clip(1.0 + em / 24 - np.abs((rows + columns) % period - period // 2), 0.0, 1.0)
     pale = pixels + (0.6 * share)[..., None] * (np.array(primitives.WHITE) - pixels)
 
+    # 60 % of the way to white, and the lines 40 % of the way from there to black
     return np.asarray(pale + (0.4 * line * share)[..., None] * (np.array(primitives.BLACK) - pale))
 
 
@@ -198,7 +214,9 @@ def _paint_colour_bar(image: Image.Image, view: View, layout: Layout) -> None:
     """The colour bar, hatched as the map is, with ticks in dB and the target's arrow."""
     from PIL import ImageDraw
 
-    pen, em, (left, top, width, height) = ImageDraw.Draw(image), layout.em, layout.bar
+    pen = ImageDraw.Draw(image)
+    em = layout.em
+    left, top, width, height = layout.bar
     low, high = _gain_range(view)
     gain_db = np.repeat(np.linspace(high, low, height, dtype=np.float64)[:, None], width, axis=1)
     primitives.paste(
@@ -223,6 +241,7 @@ def _paint_colour_bar(image: Image.Image, view: View, layout: Layout) -> None:
             anchor="lm",
         )
 
+    # the target: an arrow from the left, and a line across the bar
     if low <= view.target_db <= high:
         tip = np.array((left - 1.0, level(view.target_db)))
         primitives.fill(
@@ -249,6 +268,7 @@ def _paint_stations(image: Image.Image, view: View, layout: Layout) -> None:
     for name, shape, points in kinds:
         for number, point in enumerate(np.clip(np.reshape(points, (-1, 2)), lower, upper), start=1):
             to_walls = np.concatenate([point - lower, upper - point])  # left, bottom, right, top
+            # a panel's bar lies along the wall that is nearest: left and right ones run along y
             is_along_y = shape is primitives.BAR and int(np.argmin(to_walls)) % 2 == 0
             corners = shape[:, ::-1] if is_along_y else shape
             at = layout.pixels(point)

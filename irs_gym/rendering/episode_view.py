@@ -18,7 +18,7 @@ RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {
 
 @lru_cache(maxsize=32)
 def view_of(world: World, start: Cell, goal: Cell) -> View:
-    """What a picture of an episode shows besides the robot's trail; kept, so that it is drawn once."""
+    """What a picture shows besides the robot's path; kept, so that it is drawn once."""
     scene = world.scene
     radio_map = world.radio_map
     return View(

@@ -4,19 +4,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.rendering import primitives
-from irs_gym.rendering.background import ROBOT, trace
+from irs_gym.rendering.background import ROBOT, background_of, trace
 from irs_gym.rendering.view import View, checked_cells
 
 
-def draw_frame(view: View, trail: ArrayLike) -> NDArray[np.uint8]:
-    """One frame: the view's background, the robot with its trail, and its margin over the target.
+def draw_frame(view: View, path: ArrayLike) -> NDArray[np.uint8]:
+    """One frame: the view's background, the robot with its path, and its margin over the target.
 
     Parameters
     ----------
     view
-        What does not change within the episode; its background is drawn at the first frame and kept
-        with it.
-    trail
+        What does not change within the episode; its background is drawn at the first frame.
+    path
         Shape ``(T, 2)``, T >= 1: the cells visited so far. The robot is on the last one.
 
     Returns
@@ -26,33 +25,37 @@ def draw_frame(view: View, trail: ArrayLike) -> NDArray[np.uint8]:
     Raises
     ------
     ValueError
-        Where ``trail`` is not of that shape or leaves the grid.
+        Where ``path`` is not of that shape or leaves the grid.
     """
     from PIL import ImageDraw
 
-    cells = checked_cells(view.grid, trail, "trail")
-    layout = view.background.layout
-    frame = view.background.image.copy()
-    corners = layout.cell_pixels(_corners(cells))
+    cells = checked_cells(view.grid, path, "path")
+    background = background_of(view)
+    layout = background.layout
+    frame = background.image.copy()
+
+    # the path, then the robot over it
+    corners = layout.cell_pixels(_corners(cells))  # (n, 2)
     if len(corners) > 1:
         trace(frame, corners, layout.em)
 
     primitives.mark(frame, primitives.DISC, corners[-1], layout.em, ROBOT)
+
     margin_db = view.gain_db[tuple(cells[-1])] - view.target_db
     margin = f"margin {margin_db:+.2f} dB"
     ImageDraw.Draw(frame).text(
-        view.background.margin_at, margin, primitives.BLACK, primitives.font(layout.em), anchor="ls"
+        background.margin_at, margin, primitives.BLACK, primitives.font(layout.em), anchor="ls"
     )
 
     return np.array(frame)
 
 
 def _corners(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The ends of a trail ``(T, 2)`` and the cells where it changes direction, repeated cells left
+    """The ends of a path ``(T, 2)`` and the cells where it changes direction, repeated cells left
     out.
     """
     cells = cells[np.append(np.diff(cells, axis=0).any(axis=1), True)]
-    moves = np.diff(cells, axis=0)
+    moves = np.diff(cells, axis=0)  # (T - 1, 2)
     is_corner = np.ones(len(cells), dtype=bool)
     is_corner[1:-1] = (moves[1:] != moves[:-1]).any(axis=1)
 

@@ -1,4 +1,4 @@
-"""`FrameCollection`: the pictures of each environment's episode as a list, for vector environments."""
+"""`FrameCollection`: the pictures of each episode as a list, for vector environments."""
 
 from typing import Any
 
@@ -44,6 +44,8 @@ class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):
         outcome = self.env.step(actions)
         _, _, terminated, truncated, _ = outcome
 
+        # Where an episode has begun, its list does too: with next-step autoreset a step after the
+        # end of the one before, with same-step autoreset at once.
         mode = self.metadata["autoreset_mode"]
         resumed = self._has_ended
         self._has_ended = terminated | truncated
@@ -61,6 +63,7 @@ class FrameCollection(VectorWrapper[Any, Any, Any, Any, Any]):
         return frames
 
     def _collect(self, shown: NDArray[np.bool_], begun: NDArray[np.bool_]) -> None:
+        """Add a picture where one is shown, to a new list where an episode has begun."""
         for i, frame in enumerate(self.env.render() or ()):
             if begun[i]:
                 self._frames[i] = []

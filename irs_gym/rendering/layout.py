@@ -55,23 +55,29 @@ class Layout:
         """The largest map in a picture whose longest side is ``size``; a deep room has its legend
         beside it.
         """
+        # margins around the map, all in heights of the type
         em = max(9, round(size / 42))
         left = round(4.0 * em)
         top = round(2.4 * em)
         right = round(6.8 * em)
         foot = round(3.4 * em)
+
+        # the legend: below the map in as many columns as fit, or in one column beside a deep one
         is_deep = grid.shape[1] > 1.6 * grid.shape[0]
         legend, legend_size = _legend(labels, em, 0.0 if is_deep else size)
+
+        # the map: as large as the margins and the legend leave room for, its cells square
         taken = np.array([left + right, top + foot]) + legend_size * (is_deep, not is_deep)
         scale = float(np.min((size - taken) / grid.shape))
         map_size = max(1, int(scale * grid.shape[0])), max(1, int(scale * grid.shape[1]))
-        panel = np.maximum(
-            map_size, 9 * em
-        )  # room for the colour bar and its label, however thin the map
+        # room for the colour bar and its label, however thin the map
+        panel = np.maximum(map_size, 9 * em)
+
+        # the picture: its longer side is as asked for, its other one even, for video
         whole = np.maximum(panel + taken, legend_size)
-        width, height = (
-            size if side == whole.max() else 2 * round(side / 2) for side in whole
-        )  # even, for video
+        width, height = (size if side == whole.max() else 2 * round(side / 2) for side in whole)
+
+        # what lies around the map
         corner = (
             (width - legend_size[0], top)
             if is_deep
@@ -112,6 +118,7 @@ def _legend(labels: Sequence[str], em: int, width: float) -> tuple[Floats, Float
     """
     lengths = [primitives.font(em).getlength(label) + 4.0 * em for label in labels]
 
+    # column after column; from one row of all entries down to one column, the first that fits
     for columns in range(len(labels), 0, -1):
         deep = -(-len(labels) // columns)
         widths = [max(lengths[k : k + deep]) for k in range(0, len(labels), deep)]

@@ -1,4 +1,6 @@
-"""Ink on a Pillow image: lines, shapes and type with soft edges, in px from the upper left corner.
+"""Primitives on a Pillow image: lines, shapes and type with soft edges.
+
+Points are in px from the image's upper left corner.
 
 Pillow is imported by the first stroke, so that importing this module costs nothing.
 """
@@ -50,9 +52,11 @@ def mark(image: Image.Image, shape: Floats, at: Floats, em: float, colour: Colou
 
 def dash(image: Image.Image, points: Floats, em: float) -> None:
     """Draw a polyline in white dashes with dark rims, which no background hides."""
+    # way from the polyline's first point to each of its points, (n,)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
     def piece(begin: float, end: float) -> Floats:
+        # the two ends, and all corners between them
         stops = np.array([begin, *along[(along > begin) & (along < end)], end])
         return np.stack([np.interp(stops, along, axis) for axis in points.T], axis=-1)
 
@@ -100,10 +104,12 @@ def _print(image: Image.Image, points: Floats, colour: Colour, width: float) -> 
     from PIL import Image as images
     from PIL import ImageDraw
 
+    # Only the pixels that the shape may touch: a mask SAMPLES times as fine, then averaged.
     corner = np.floor(points.min(axis=0) - width / 2 - 1).astype(int)
     columns, rows = np.ceil(points.max(axis=0) + width / 2 + 1).astype(int) - corner
     mask = images.new("L", (columns * SAMPLES, rows * SAMPLES))
     pen = ImageDraw.Draw(mask)
+    # Pillow counts from the middle of a pixel, we from its corner: hence the half sample.
     places = ((points - corner) * SAMPLES - 0.5).ravel().tolist()
     if width:
         pen.line(places, 255, max(1, round(width * SAMPLES)), joint="curve")

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.grid import Cell, Grid
-from irs_gym.rendering.background import Background
 from irs_gym.rendering.primitives import Floats
 
 Point = tuple[float, float]
@@ -90,11 +89,6 @@ class View:
         """Free cells whose gain is below the target, shape ``(X, Y)``."""
         return (self.gain_db < self.target_db) & ~self.is_obstacle
 
-    @cached_property
-    def background(self) -> Background:
-        """What all frames share, drawn at the first one."""
-        return Background(self)
-
 
 def checked_cells(grid: Grid, cells: ArrayLike, name: str) -> NDArray[np.int64]:
     """Cells as an int64 array ``(T, 2)``; a ValueError where they are not cells of the grid, or
@@ -106,10 +100,11 @@ def checked_cells(grid: Grid, cells: ArrayLike, name: str) -> NDArray[np.int64]:
             f"{name} must be integers of shape (T, 2) with T >= 1, not {array.dtype} {array.shape}"
         )
 
-    outside = ((array < 0) | (array >= grid.shape)).any(axis=1)
+    outside = ((array < 0) | (array >= grid.shape)).any(axis=1)  # (T,)
     if outside.any():
         raise ValueError(
-            f"{name} holds {tuple(array[outside][0].tolist())}, which is off the grid of {grid.shape}"
+            f"{name} holds {tuple(array[outside][0].tolist())}, "
+            f"which is off the grid of {grid.shape}"
         )
 
     return array.astype(np.int64)

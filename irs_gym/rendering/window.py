@@ -81,6 +81,8 @@ def mosaic(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
     tiles = np.full((rows * columns, height, width, channels), 255, dtype=np.uint8)
     tiles[:count] = frames
+
+    # Bring each tile's rows of pixels beside those of its neighbours before they become one row.
     whole = tiles.reshape(rows, columns, height, width, channels).swapaxes(1, 2)
     whole = whole.reshape(rows * height, columns * width, channels)
 

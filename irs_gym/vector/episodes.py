@@ -1,6 +1,4 @@
-"""`VectorEpisodes`: the episodes of n robots, with autoreset: what is the same for all vector
-environments.
-"""
+"""`VectorEpisodes`: the episodes of n robots with autoreset, for all vector environments."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -16,13 +14,14 @@ from irs_gym.mdp.checks import checked_actions
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
+from irs_gym.memory import frozen
 from irs_gym.rendering.episode_view import RENDERERS, view_of
 from irs_gym.vector.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
 from irs_gym.vector.protocols import EpisodeSampler, Outcome
 
 
 class VectorEpisodes:
-    """What `reset`, `step` and the other methods of a vector environment do; see `IrsNavVectorEnv`."""
+    """What the methods of a vector environment do; see `IrsNavVectorEnv`."""
 
     def __init__(
         self,
@@ -33,7 +32,7 @@ class VectorEpisodes:
         copy: bool,
         infos: Infos,
     ) -> None:
-        """n robots whose episodes a sampler begins; see `IrsNavVectorEnv` for the other arguments."""
+        """Episodes that a sampler begins; see `IrsNavVectorEnv` for the other arguments."""
         n = num_envs
         self.num_envs = n
         self.max_episode_steps = max_episode_steps
@@ -42,7 +41,8 @@ class VectorEpisodes:
         self._sampler = sampler
         keys = checked_keys(infos, [key for key in sampler.info_values if key not in KEYS])
         self._infos = InfoBuilder(sampler.info_values, keys)
-        self._tells_refusals = not {"refused", "is_refused"}.isdisjoint(keys)
+        # Whether a move was refused costs a comparison of all states: only where somebody asks.
+        self._counts_refusals = not {"refused", "is_refused"}.isdisjoint(keys)
 
         # the episode of each robot
         self._states = np.zeros(n, dtype=np.int64)
@@ -50,19 +50,22 @@ class VectorEpisodes:
         self._refused = np.zeros(n, dtype=np.int64)
         self._oracle_distance = np.zeros(n)  # metres
         self._has_violated = np.zeros(n, dtype=bool)
-        self._has_ended = np.zeros(n, dtype=bool)  # and has not begun anew
+        self._nobody = frozen(np.zeros(n, dtype=bool))
+        self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
-        self._just_ended = np.zeros(n, dtype=bool)  # at the latest step
+        self._just_ended = self._nobody  # at the latest step
         self._history = PathHistory(n, max_episode_steps, sampler.map_shape, sampler.num_maps)
 
-        # time, in steps of all robots
+        # Time, in steps of all robots. An episode's limit is kept as the time at which it ends, so
+        # that no counter of each robot has to be raised at every step.
         self._clock = 0
         self._deadline = np.zeros(n, dtype=np.int64)  # at which each is truncated
         self._first_deadline = 0
 
+        # made on first use: most environments draw nothing
         self._rngs: list[np.random.Generator | None] = [None] * n
         self._is_reset = False
-        self._buffer = np.empty((n, sampler.packing.width), dtype=np.float32)
+        self._buffer = sampler.packing.empty(n)
 
     def reset(
         self, seeds: Sequence[int | None] | None, options: dict[str, Any] | None
@@ -76,8 +79,9 @@ class VectorEpisodes:
 
         self._begin(chosen, options)
         self._is_reset = True
-        self._just_ended = np.zeros(self.num_envs, dtype=bool)
+        self._just_ended = self._nobody
 
+        # infos of the environments that were reset, and of no others
         step = self._opening()
         infos = self._infos.everywhere(step) if mask.all() else self._infos.of(step, chosen)
 
@@ -91,38 +95,49 @@ class VectorEpisodes:
         checked = checked_actions(actions, self.num_envs)
         self._clock += 1
 
-        # autoreset in the next step: robots that have ended begin anew in place of a move
+        # Next-step autoreset: robots whose episodes have ended begin anew in place of a move. (With
+        # the other modes none is left that has ended.) All others move.
         resumed = np.flatnonzero(self._has_ended) if self._num_ended else None
         if resumed is not None:
             self._begin(resumed, {})
 
-        before = self._states
-        outcome = self._sampler.ground.move(before, checked)
+        before = self._states  # (n,)
+        outcome = self._sampler.transition_model.move(before, checked)
         if resumed is not None:
             outcome.clear(resumed, before[resumed])
 
-        # add up
+        # Add to the episodes: where the robots are, what they travelled, what was refused.
         self._states = outcome.states
         self._distance += outcome.moved
         is_refused = None
-        if self._tells_refusals:
-            is_refused = (
-                outcome.states == before
-            )  # a move that is not refused leads to another cell
-            if resumed is not None:
-                is_refused[resumed] = False
-
+        if self._counts_refusals:
+            is_refused = self._refusals(before, outcome, resumed)
             self._refused += is_refused
 
-        self._history.advance(self._sampler.ground.cells(outcome.states), self._clock)
-        is_success = self._judge(outcome)
+        # An episode that has ever gone below the target is none that succeeds.
+        if self._sampler.is_violable and outcome.cost is not None:
+            self._has_violated |= outcome.cost > 0
 
-        # end
+        cells = self._sampler.transition_model.cells(outcome.states)
+        self._history.advance(cells, self._clock)
+
+        # Episodes end at the goal, at a violation where it is terminal, or at the step limit.
+        # Most steps end none, and then no flags are computed.
         truncated = self._truncated()
-        self._has_ended = outcome.is_terminated | truncated
-        self._num_ended = int(np.count_nonzero(self._has_ended))
+        self._num_ended = int(np.count_nonzero(outcome.is_terminated))
+        if self._num_ended or self._clock >= self._first_deadline:
+            self._has_ended = outcome.is_terminated | truncated
+            self._num_ended = int(np.count_nonzero(self._has_ended))
+        else:
+            self._has_ended = self._nobody
+
         self._just_ended = self._has_ended
 
+        # The goal ends an episode: where none ends, nobody has reached it.
+        is_success = outcome.is_at_goal & ~self._has_violated if self._num_ended else None
+
+        # Same-step autoreset begins new episodes before the observation is taken; the infos then
+        # tell of the new ones, and carry the last ones of the old.
         step = self._step(is_refused, outcome.cost, is_success)
         if self._num_ended and self.mode is AutoresetMode.SAME_STEP:
             infos = self._end(step, np.flatnonzero(self._has_ended))
@@ -144,7 +159,7 @@ class VectorEpisodes:
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``."""
-        return self._sampler.ground.action_mask(self._states).astype(bool)
+        return self._sampler.transition_model.action_mask(self._states).astype(bool)
 
     def render(self, mode: str | None) -> tuple[Any, ...] | None:
         """A picture or text for each robot; None without a mode."""
@@ -158,15 +173,12 @@ class VectorEpisodes:
         """Where the episode of robot i stands, and its path so far."""
         world, goal = self.scene_and_goal(i)
         path = self._history.path(i)
-        if (
-            not self._is_reset
-        ):  # as a single environment does: where the world's own episode would begin
+        # before the first reset: where the world's own episode would begin, as single environments
+        if not self._is_reset:
             goal = world.goal
             path = [world.start]
 
-        start, cell, end = np.ravel_multi_index(
-            np.array([path[0], path[-1], goal]).T, world.feasible.shape
-        ).tolist()
+        start, cell, end = map(world.radio_map.grid.flat, (path[0], path[-1], goal))
         snapshot = Snapshot(
             rules=world.fingerprint,
             scene=self._sampler.scene_number(self._states, i),
@@ -174,6 +186,7 @@ class VectorEpisodes:
             goal=end,
             cell=cell,
             distance=float(self._distance[i]),
+            # steps that led nowhere, whether or not refusals are counted as they happen
             refused=self._history.steps(i) - (len(path) - 1),
             has_violated=bool(self._has_violated[i]),
             is_running=self._is_reset and not self._has_ended[i],
@@ -185,37 +198,41 @@ class VectorEpisodes:
 
     def _begin(self, chosen: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Start an episode for the chosen robots."""
+        # The sampler may take another transition model for this, so it is asked for afterwards.
         self._states = self._sampler.begin(self._states, chosen, options, self._rng)
-        ground = self._sampler.ground
+        transition_model = self._sampler.transition_model
         begun = self._states[chosen]
 
+        # what an episode adds up, from nothing
         self._distance[chosen] = 0.0
         self._refused[chosen] = 0
-        self._oracle_distance[chosen] = ground.distance_to_go(begun)
+        self._oracle_distance[chosen] = transition_model.distance_to_go(begun)
         self._has_violated[chosen] = False
-        self._history.begin(chosen, ground.cells(begun), self._clock)
+        self._history.begin(chosen, transition_model.cells(begun), self._clock)
 
-        has_ended = (
-            self._has_ended.copy()
-        )  # not in place: the last step's flags are told apart from it
+        # Not in place: `_just_ended`, which is of the step before, may be the same array.
+        has_ended = self._has_ended.copy()
         has_ended[chosen] = False
         self._has_ended = has_ended
         self._num_ended = int(np.count_nonzero(has_ended))
         self._deadline[chosen] = self._clock + self.max_episode_steps
         self._first_deadline = int(self._deadline.min())
 
-    def _judge(self, outcome: Outcome) -> NDArray[np.bool_]:
-        """Whether the step reaches the goal of an episode without violations."""
-        if outcome.cost is None:
-            return outcome.is_at_goal.copy()  # which may be the flags of the ends as well
+    def _refusals(
+        self,
+        before: NDArray[np.int64],
+        outcome: Outcome,
+        resumed: NDArray[np.int64] | None,
+    ) -> NDArray[np.bool_]:
+        """Which robots made a move that was refused, ``(n,)``: one that is not leads elsewhere."""
+        is_refused: NDArray[np.bool_] = outcome.states == before
+        if resumed is not None:  # they have begun, and not moved
+            is_refused[resumed] = False
 
-        if self._sampler.is_violable:
-            self._has_violated |= outcome.cost > 0
-
-        return outcome.is_at_goal & ~self._has_violated
+        return is_refused
 
     def _truncated(self) -> NDArray[np.bool_]:
-        """Which episodes are at their step limit."""
+        """Which episodes are at their step limit, ``(n,)``."""
         if self._clock < self._first_deadline:
             return np.zeros(self.num_envs, dtype=bool)
         return self._deadline <= self._clock
@@ -224,11 +241,12 @@ class VectorEpisodes:
         """Begin anew where episodes ended; infos of the new ones, and of the last step of the old
         ones.
         """
+        # the last of the old episodes, before their states are lost
         packing = self._sampler.packing
-        final_rows = np.empty((len(ended), packing.width), dtype=np.float32)
-        final_rows = self._sampler.ground.observe(self._states[ended], final_rows)
+        final_parts = self._sampler.transition_model.observe(self._states[ended])
+        final_obs = map(packing.unpack, zip(*final_parts, strict=True))
         final = {
-            "final_obs": _objects(self.num_envs, ended, map(packing.unpack, final_rows)),
+            "final_obs": _objects(self.num_envs, ended, final_obs),
             "_final_obs": self._just_ended.copy(),
             "final_info": self._infos.of(step, ended),
             "_final_info": self._just_ended.copy(),
@@ -236,18 +254,18 @@ class VectorEpisodes:
 
         self._begin(ended, {})
 
+        # In the new episodes nothing has happened yet.
         for each in (step.is_refused, step.cost):
             if each is not None:
                 each[ended] = 0
 
-        is_success = step.is_success & ~self._just_ended
-
         return {
-            **self._infos.everywhere(self._step(step.is_refused, step.cost, is_success)),
+            **self._infos.everywhere(self._step(step.is_refused, step.cost, None)),
             **final,
         }
 
     def _rng(self, i: int) -> np.random.Generator:
+        """The randomness of environment i; from the system where no seed was given."""
         rng = self._rngs[i]
         if rng is None:
             rng = self._rngs[i] = seeding.np_random()[0]
@@ -255,6 +273,7 @@ class VectorEpisodes:
         return rng
 
     def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.int64]) -> None:
+        """Take the seeds that are not None for the chosen environments."""
         if self._sampler.is_random:  # the only use of randomness
             for i in chosen:
                 if seeds[i] is not None:
@@ -263,21 +282,24 @@ class VectorEpisodes:
     # --- what is returned -------------------------------------------------------------------------
 
     def _observe(self) -> Any:
-        out = np.empty_like(self._buffer) if self.copy else self._buffer
-        return self._sampler.packing.unpack(self._sampler.ground.observe(self._states, out))
+        """The observations of all robots, in memory of their own or in one buffer for all steps."""
+        out = None if self.copy else self._buffer
+        parts = self._sampler.transition_model.observe(self._states, out)
+        return self._sampler.packing.unpack(parts)
 
     def _opening(self) -> Step:
         """As after a step in which nothing happened."""
-        return self._step(None, None, np.zeros(self.num_envs, dtype=bool))
+        return self._step(None, None, None)
 
     def _step(
         self,
         is_refused: NDArray[np.bool_] | None,
         cost: NDArray[np.float64] | None,
-        is_success: NDArray[np.bool_],
+        is_success: NDArray[np.bool_] | None,
     ) -> Step:
+        """What the infos are made of."""
         return Step(
-            self._sampler.ground,
+            self._sampler.transition_model,
             self._states,
             self._distance,
             self._refused,
@@ -288,10 +310,10 @@ class VectorEpisodes:
         )
 
     def _picture(self, i: int, mode: str) -> Any:
+        """A picture or text of robot i."""
         world, goal = self.scene_and_goal(i)
-        if (
-            not self._is_reset
-        ):  # as a single environment does: where the world's own episode would begin
+        # before the first reset: where the world's own episode would begin, as single environments
+        if not self._is_reset:
             return RENDERERS[mode](view_of(world, world.start, world.goal), [world.start])
 
         path = self._history.path(i)
@@ -300,15 +322,17 @@ class VectorEpisodes:
     # --- what is accepted -------------------------------------------------------------------------
 
     def _check_running(self) -> None:
+        """Refuse a step where an episode has not begun, or has ended and begins only on demand."""
         if not self._is_reset:
             raise ResetNeeded("no episode has begun: call reset() before step()")
         if self._num_ended and self.mode is AutoresetMode.DISABLED:
             raise ResetNeeded(
-                f"environments {np.flatnonzero(self._has_ended).tolist()} have ended: reset them with "
-                "options={'reset_mask': ...} before step()"
+                f"environments {np.flatnonzero(self._has_ended).tolist()} have ended: "
+                "reset them with options={'reset_mask': ...} before step()"
             )
 
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
+        """Which environments to reset, ``(n,)``: those of the mask, all without one."""
         if mask is None:
             return np.ones(self.num_envs, dtype=bool)
 

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 class Step(NamedTuple):
     """What the infos after a step, or a reset, are made of: arrays ``(n,)``."""
 
-    ground: TransitionModel
+    transition_model: TransitionModel
     states: NDArray[np.int64]
     # of the episode so far; the environment goes on adding to them
     distance: Floats  # metres
@@ -25,12 +25,13 @@ class Step(NamedTuple):
     # of this step alone
     is_refused: Bools | None  # None where none is
     cost: Floats | None  # None where it is always 0
-    is_success: Bools
+    is_success: Bools | None  # None where none is
 
     def of(self, chosen: NDArray[np.int64]) -> "Step":
         """The same for some of the robots."""
+        # the transition model is the same for all; the other fields have a row a robot, or are None
         arrays = (None if each is None else each[chosen] for each in self[1:])
-        return Step(self.ground, *arrays)  # type: ignore[arg-type]
+        return Step(self.transition_model, *arrays)  # type: ignore[arg-type]
 
 
 Values = Mapping[str, Callable[[Step], NDArray[Any]]]
@@ -45,19 +46,19 @@ def _refused(step: Step) -> NDArray[np.int64]:
 
 
 def _distance_to_go(step: Step) -> Floats:
-    return step.ground.distance_to_go(step.states)
+    return step.transition_model.distance_to_go(step.states)
 
 
 def _gain_db(step: Step) -> Floats:
-    return step.ground.gain_db(step.states)
+    return step.transition_model.gain_db(step.states)
 
 
 def _margin_db(step: Step) -> Floats:
-    return step.ground.margin_db(step.states)
+    return step.transition_model.margin_db(step.states)
 
 
 def _action_mask(step: Step) -> NDArray[np.int8]:
-    return step.ground.action_mask(step.states)
+    return step.transition_model.action_mask(step.states)
 
 
 def _is_refused(step: Step) -> Bools:
@@ -69,12 +70,13 @@ def _cost(step: Step) -> Floats:
 
 
 def _is_success(step: Step) -> Bools:
-    return step.is_success
+    return np.zeros(len(step.states), dtype=bool) if step.is_success is None else step.is_success
 
 
 def _spl(step: Step) -> Floats:
-    if not np.count_nonzero(step.is_success):  # as nearly always
+    if step.is_success is None:
         return np.zeros(len(step.states))
+
     return spl(step.is_success, step.oracle_distance, step.distance)
 
 
@@ -98,12 +100,10 @@ VALUES: Values = {
     "oracle_distance": _oracle_distance,
 }
 KEYS = tuple(VALUES)
-SLOW = (
-    "refused",
-    "is_refused",
-    "distance_to_go",
-    "gain_db",
-)  # with them, a step of a vector takes a third longer
+SCENE_KEYS = ("scene_number", "scene_id")  # over many scenes
+# With these, a step of a vector takes a third longer; and names are no numbers, which is what
+# wrappers ask for.
+SLOW = ("refused", "is_refused", "distance_to_go", "gain_db", "margin_db", "scene_id")
 
 Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
 
@@ -133,32 +133,28 @@ class InfoBuilder:
 
     def __init__(self, values: Values, keys: Sequence[str]) -> None:
         """Infos with some of the keys that there are values for."""
-        self._entries = [(key, f"_{key}", values[key]) for key in keys]
+        self._keys = tuple(keys)
+        self._masks = tuple(f"_{key}" for key in keys)
+        self._values = [values[key] for key in keys]
 
     def everywhere(self, step: Step) -> dict[str, Any]:
         """Infos of all environments."""
-        has_key = np.ones(
-            len(step.states), dtype=bool
-        )  # one for all keys, since nobody writes to masks
-        infos: dict[str, Any] = {}
+        arrays = [value(step) for value in self._values]
 
-        for key, mask, value in self._entries:
-            infos[key] = value(step)
-            infos[mask] = has_key
-
-        return infos
+        return self._labelled(arrays, np.ones(len(step.states), dtype=bool))
 
     def of(self, step: Step, chosen: NDArray[np.int64]) -> dict[str, Any]:
         """Infos of the chosen environments, and zero (or None) for all others."""
         has_key = np.zeros(len(step.states), dtype=bool)
         has_key[chosen] = True
-        some = step.of(chosen)
-        infos: dict[str, Any] = {}
+        some = step.of(chosen)  # computed for the chosen alone
+        arrays = [spread(value(some), chosen, len(step.states)) for value in self._values]
 
-        for key, mask, value in self._entries:
-            infos[key] = spread(value(some), chosen, len(step.states))
-            infos[mask] = has_key
+        return self._labelled(arrays, has_key)
 
+    def _labelled(self, arrays: list[NDArray[Any]], has_key: NDArray[np.bool_]) -> dict[str, Any]:
+        infos: dict[str, Any] = dict(zip(self._keys, arrays, strict=True))
+        infos.update(dict.fromkeys(self._masks, has_key))  # one for all keys: nobody writes to it
         return infos
 
 

@@ -1,6 +1,4 @@
-"""`TransitionModel` and `EpisodeSampler`: what a fleet of robots moves over, and who sends its
-robots on their way.
-"""
+"""`TransitionModel` and `EpisodeSampler`: what moves do, and how episodes begin."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
@@ -9,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.observation import Packing, Rows
+from irs_gym.mdp.packing import Packing, Parts
 from irs_gym.mdp.task import World
 
-States = NDArray[
-    np.int64
-]  # (n,), where robots are and where they want to go, as a number whose meaning is the ground's
+# (n,): where robots are and where they want to go, each as one number. What the number means is the
+# transition model's own affair.
+States = NDArray[np.int64]
 RngOf = Callable[[int], np.random.Generator]  # the randomness of environment i
 
 
@@ -29,7 +27,7 @@ class Outcome(NamedTuple):
     is_at_goal: NDArray[np.bool_]
 
     def clear(self, chosen: NDArray[np.int64], states: States) -> None:
-        """Nothing but to be in the given states for the chosen robots: they have just begun."""
+        """Undo the move of the chosen robots, which have just begun in the given states."""
         self.states[chosen] = states
 
         for array in self[1:]:
@@ -43,8 +41,8 @@ class TransitionModel(Protocol):
     def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:
         """What actions do in states."""
 
-    def observe(self, states: States, out: Rows) -> Rows:
-        """Packed observations, written to ``out`` (n, D)."""
+    def observe(self, states: States, out: Parts | None = None) -> Parts:
+        """Parts of observations in new memory, or written to ``out``; see `Packing.empty`."""
 
     def cells(self, states: States) -> NDArray[np.int64]:
         """Flat cells; where there are several maps, they lie one above the other."""
@@ -72,8 +70,8 @@ class EpisodeSampler(Protocol):
     num_maps: int
 
     @property
-    def ground(self) -> TransitionModel:
-        """What the robots move over now."""
+    def transition_model(self) -> TransitionModel:
+        """The rules and the maps for the states in use; `begin` may take another one."""
 
     @property
     def info_values(self) -> Mapping[str, Callable[[Any], NDArray[Any]]]:

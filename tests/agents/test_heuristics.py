@@ -12,9 +12,9 @@ from agents.policies.heuristics import (
     oracle,
     random,
 )
-from agents.policies.observation_decoding import decode
 from agents.rollout.episode import evaluation_env, roll_out
 from irs_gym import RadioMap
+from irs_gym.mdp.packing import Packing
 from irs_gym.mdp.task import Task
 
 OBSERVATIONS = ("dict", "flat", "map")
@@ -46,7 +46,8 @@ def test_cells_of_robot_and_goal_are_read_from_every_observation(observation):
     env = make(observation=observation, random_start=True, target_db=-64.0)
     shape = env.unwrapped.radio_map.grid.shape
     for seen, robot, goal in states(env, 200):
-        assert decode(seen, shape) == (
+        decoded = Packing.of(seen, shape).decode(seen)
+        assert (decoded.cell, decoded.goal) == (
             np.ravel_multi_index(robot, shape),
             np.ravel_multi_index(goal, shape),
         )

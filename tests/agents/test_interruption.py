@@ -61,7 +61,7 @@ import eval.commands.score
 def work(*_):
     print("begun", flush=True)
     time.sleep(60)
-eval.commands.score.pools_of = work
+eval.commands.score.scene_sets_of = work
 sys.argv[:] = ["eval", "score", "replanning"]
 runpy.run_module("eval", run_name="__main__", alter_sys=True)
 """

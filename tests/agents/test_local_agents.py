@@ -9,17 +9,20 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from tiny_pool import tiny_pool
+from tiny_pool import resized, tiny_pool
 
 from agents.learning.dagger import Dagger
-from agents.learning.local_configs import ExplorerConfig, ExplorerPpoConfig, LocalPpoConfig
-from agents.learning.map_learner import MapLearner
+from agents.learning.explorer_ppo import ExplorerPpo
+from agents.learning.local_configs import ExplorerConfig, ExplorerPpoConfig, RobotBatchConfig
+from agents.learning.map_configs import network_settings
+from agents.learning.map_learner import MapLearner, first_network
 from agents.learning.ppo_loss import clipped_loss, generalized_advantages, sample_actions
-from agents.learning.robot_batch import RobotBatch, RobotBatchConfig
+from agents.learning.robot_batch import RobotBatch
+from agents.learning.sb3_configs import LocalPpoConfig
 from agents.networks.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
 from agents.networks.local_extractor import FRAME, LocalExtractor
-from agents.policies.belief_map import BeliefMap, parts_of, patches_of
-from agents.policies.explorer_policy import Explorer, likeliest
+from agents.policies.belief_map import BeliefMap, patches_of
+from agents.policies.explorer_policy import Explorer, decode_local, likeliest
 from agents.policies.map_policy import MapPolicy
 from agents.policies.model_file import read_network
 from agents.policies.replanning import Replanner
@@ -74,14 +77,15 @@ def test_patches_of_a_pool_are_those_of_the_environment(observation):
     env = env_of(POOL, observation=observation, patch_radius=2)
     for n in range(len(POOL)):
         seen, _ = env.reset(options={"scene_id": n})
-        patches, settings = parts_of(seen)
-        np.testing.assert_array_equal(patches, patches_of(POOL, np.array([n]), POOL.start[[n]], 2))
-        np.testing.assert_array_equal(settings[0], POOL.irs[n])
+        parts = decode_local(seen, POOL.shape)
+        patch = patches_of(POOL, np.array([n]), POOL.start[[n]], 2)[0]
+        np.testing.assert_array_equal(parts.margin, patch)
+        np.testing.assert_array_equal(parts.irs, POOL.irs[n])
 
 
 def test_observation_with_other_parts_is_refused_with_what_would_be_right():
     with pytest.raises(ValueError, match=r"observation has 130 numbers.*irs_phases=False"):
-        parts_of(np.zeros(130, dtype=np.float32))
+        decode_local(np.zeros(130, dtype=np.float32), POOL.shape)
 
 
 def test_detours_of_moves_are_differences_of_dijkstras_distances():
@@ -120,7 +124,7 @@ def test_optimistic_explorer_walks_as_far_as_optimistic_replanning_does_where_no
         is_open, state = np.ones(POOL.shape, dtype=bool), None
         goal, cell, is_over = tuple(POOL.goal[n].tolist()), POOL.start[n], False
         while not is_over:
-            patch = parts_of(observation)[0][0]
+            patch = decode_local(observation, POOL.shape).margin
             for (a, b), margin in np.ndenumerate(patch):
                 i, j = cell[0] + a - 2, cell[1] + b - 2
                 if 0 <= i < POOL.shape[0] and 0 <= j < POOL.shape[1]:
@@ -129,7 +133,7 @@ def test_optimistic_explorer_walks_as_far_as_optimistic_replanning_does_where_no
             action, state = policy.predict(observation, state, np.array([False]))
             before = cell
             observation, _, is_terminated, is_truncated, info = env.step(int(action))
-            cell = np.asarray(info["path"] if is_terminated else env.unwrapped.path)[-1]
+            cell = np.asarray(env.unwrapped.path)[-1]
             moved = np.abs(cell - before).sum()
             assert moved in (1, 2)  # never refused: it sees its neighbours
             assert to_go[tuple(before)] == pytest.approx(to_go[tuple(cell)] + moved**0.5, rel=1e-5)
@@ -188,16 +192,16 @@ def test_explorer_remembers_by_its_state_alone():
     first, _ = env.reset(options={"scene_id": 0})
     action, memory = policy.predict(first)
     assert action.shape == ()
-    before = memory.seen.margin.copy()
+    before = memory.belief.margin.copy()
     later, *_ = env.step(int(action))
     _, memory_later = policy.predict(later, memory)
-    np.testing.assert_array_equal(memory.seen.margin, before)
-    assert np.isnan(memory_later.seen.maps).sum() <= np.isnan(memory.seen.maps).sum()
+    np.testing.assert_array_equal(memory.belief.margin, before)
+    assert np.isnan(memory_later.belief.maps).sum() <= np.isnan(memory.belief.maps).sum()
     batch, _ = policy.predict(np.stack([first, first]), None, np.array([True, True]))
     assert batch.tolist() == [int(action)] * 2
     _, forgot = policy.predict(later, memory, np.array([True]))
     _, fresh = policy.predict(later)
-    np.testing.assert_array_equal(forgot.seen.margin, fresh.seen.margin)
+    np.testing.assert_array_equal(forgot.belief.margin, fresh.belief.margin)
 
 
 def test_explorer_plays_the_single_task_too():
@@ -241,15 +245,15 @@ def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_g
     torch.manual_seed(0)
     teacher, ends = Dagger(config, ExplorerNetwork(8), np.random.default_rng(0)), 0
     for _ in range(20):
-        steps = 0 if teacher._expedition is None else teacher._expedition.steps.copy()
+        steps = 0 if teacher._robots is None else teacher._robots.steps.copy()
         teacher.update(POOL, 0.5)
-        robots = teacher._expedition
+        robots = teacher._robots
         cells, scenes = robots.cells, robots.scenes
         assert POOL.feasible[scenes, cells[:, 0], cells[:, 1]].all()
         assert (cells != POOL.goal[scenes]).any(axis=1).all()
         assert (robots.steps < 15).all()
         here = np.arange(len(cells))
-        assert not np.isnan(robots.seen.maps[here, cells[:, 0], cells[:, 1]]).any()
+        assert not np.isnan(robots.belief.maps[here, cells[:, 0], cells[:, 1]]).any()
         ends += int((robots.steps < steps).sum())
     assert ends > 0
 
@@ -292,28 +296,30 @@ def ppo(**more):
         robots=12, n_plans=3, plan_steps=4, patch_radius=2, width=8, total_timesteps=1, **more
     )
     torch.manual_seed(0)
-    return config.teacher(config.build_network(), np.random.default_rng(0))
+    return ExplorerPpo(config, first_network(config), np.random.default_rng(0))
 
 
-def test_rewards_of_an_episode_are_the_environments():
+@pytest.mark.parametrize("cell_size", [0.5, 0.25])
+def test_rewards_of_an_episode_are_the_environments(cell_size):
     """In units of a cell: minus the length of the move, plus progress, plus the bonus at the goal."""
+    pool = resized(POOL, cell_size)
     teacher = ppo()
-    env = env_of(POOL, observation="flat", patch_radius=2)
-    teacher._expedition = robots = RobotBatch(teacher.config.terms, POOL, np.random.default_rng(1))
+    env = env_of(pool, observation="flat", patch_radius=2)
+    teacher._robots = robots = RobotBatch(teacher.config.terms, pool, np.random.default_rng(1))
     compared = 0
     for _ in range(15):
         scenes, fresh = robots.scenes.copy(), robots.steps == 0
         with torch.no_grad():
-            stage = teacher._advance(POOL, robots)
+            stage = teacher._advance(pool, robots)
         for n in np.flatnonzero(fresh):
-            if stage.cells[0, n] != POOL.start[scenes[n]] @ [POOL.shape[1], 1]:
+            if stage.cells[0, n] != pool.start[scenes[n]] @ [pool.shape[1], 1]:
                 continue  # the environment would begin elsewhere
             env.reset(options={"scene_id": int(scenes[n])})
             for k in range(4):
                 if not stage.took[k, n]:
                     break
                 _, reward, is_over, *_ = env.step(int(stage.actions[k, n]))
-                assert stage.rewards[k, n] * POOL.cell_size == pytest.approx(reward, abs=1e-4)
+                assert stage.rewards[k, n] * pool.cell_size == pytest.approx(reward, abs=1e-4)
                 assert stage.not_done[k, n] == (not is_over)
                 compared += 1
     assert compared > 20
@@ -382,11 +388,11 @@ def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
         learning_rate=4e-3,
     )
     torch.manual_seed(0)
-    teacher, taken = config.teacher(config.build_network(), np.random.default_rng(0)), 0
+    teacher, taken = ExplorerPpo(config, first_network(config), np.random.default_rng(0)), 0
     env = env_of(pool, observation="flat", patch_radius=2)
 
     def episode():
-        return roll_out(Explorer(config.shape, teacher.network, pool.shape), env)
+        return roll_out(Explorer(network_settings(config), teacher.network, pool.shape), env)
 
     assert episode().ratio > 1.2
     while taken < config.total_timesteps:

@@ -16,7 +16,7 @@ import torch
 from evaluating import call
 from PIL import Image
 
-from agents.registry import model_class
+from agents.registry import learner_class
 from agents.rollout.episode import arguments_of, evaluation_env, roll_out
 from agents.rollout.scene_set import play_scene_set
 from agents.runs.manifest import Config
@@ -107,7 +107,7 @@ def test_pickle_in_place_of_weights_is_never_run(models):
     record = json.loads((models / "manifest.json").read_text())
     record["models"][0]["sha256"] = sha256(path.read_bytes()).hexdigest()
     (models / "manifest.json").write_text(json.dumps(record))
-    with pytest.raises(PretrainedError, match="pickled objects, which are never read"):
+    with pytest.raises(PretrainedError, match="holds objects, which would have to be unpickled"):
         load_pretrained(ENTRIES[0].config.algorithm, folder=models, **arguments_of(ENTRIES[0].task))
 
 
@@ -147,7 +147,7 @@ def save_run(
     )
     run = Run.create(folder, config)
     env = IrsNavVecEnv(2, **arguments_of(run.task))
-    model = model_class(algorithm)(
+    model = learner_class(algorithm)(
         "MlpPolicy", env, policy_kwargs=dict(settings), seed=seed, device="cpu"
     )
     if east:

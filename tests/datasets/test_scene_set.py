@@ -256,7 +256,7 @@ def test_nothing_in_the_cache_is_unpickled(tmp_path):
             "said": np.array([definition.encode()]),
         }
         np.savez(file, **arrays)
-    with pytest.raises(ValueError, match="not the block"):
+    with pytest.raises(ValueError, match="not the shard"):
         Shard.from_bytes((tmp_path / "trap.npz").read_bytes(), definition)
     assert not (tmp_path / "sprung").exists()
 

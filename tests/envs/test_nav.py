@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import irs_gym
 from irs_gym.grid import MOVE_LENGTHS, MOVES
-from irs_gym.mdp.observation import MARGIN_SCALE_DB
+from irs_gym.mdp.packing import MARGIN_SCALE_DB
 
 ID = "irs_gym:IrsNav-v0"
 OBSERVATIONS = ["dict", "flat", "map"]

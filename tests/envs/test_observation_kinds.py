@@ -15,7 +15,7 @@ from tiny_pool import tiny_pool
 
 from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.rollout.episode import roll_out
-from irs_gym.mdp.observation import Packing
+from irs_gym.mdp.packing import Packing
 
 POOL = tiny_pool(12, (9, 7))
 # close ends, or small maps, and a short limit: many episodes of every kind in few steps
@@ -148,13 +148,13 @@ def test_learners_of_stable_baselines_take_both_kinds(observation, policy, algor
 
 def test_q_learning_takes_the_cell():
     callbacks = pytest.importorskip("stable_baselines3.common.callbacks")
-    from agents.single.q_learning import QLearningConfig
+    from agents.single.q_learning import QLearning, QLearningConfig
     from agents.vec_env import IrsNavVecEnv
 
     tables = []
     for observation in ("cell", "flat"):
         env = IrsNavVecEnv(4, observation=observation, **NAV[1])
-        model = QLearningConfig(n_envs=4).build(env, 0)
+        model = QLearning.build(QLearningConfig(n_envs=4), env, 0)
         model.learn(400, callbacks.CallbackList([]))
         tables.append(model.table)
     np.testing.assert_array_equal(*tables)

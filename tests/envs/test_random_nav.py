@@ -77,6 +77,7 @@ def test_the_papers_scene_in_a_pool_is_that_of_the_environment_of_one_scene(
             many.reset(options={"scene_id": "paper", **options}),
         )
         assert ours[1].pop("scene_id") == "paper"
+        assert ours[1].pop("scene_number") == 0
         assert_same(ours, theirs)
         for _ in range(60):
             np.testing.assert_array_equal(
@@ -85,6 +86,7 @@ def test_the_papers_scene_in_a_pool_is_that_of_the_environment_of_one_scene(
             action = int(rng.integers(8))
             theirs, ours = one.step(action), many.step(action)
             assert ours[4].pop("scene_id") == "paper"
+            assert ours[4].pop("scene_number") == 0
             assert_same(ours, theirs)
             if theirs[2]:
                 ends += 1

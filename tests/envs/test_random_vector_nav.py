@@ -114,7 +114,7 @@ def test_the_scene_of_each_environment_can_be_chosen():
 
 
 def test_seeds_decide_over_the_scenes():
-    env = gymnasium.make_vec(ID, num_envs=50, scenes=OFTEN["scenes"])
+    env = gymnasium.make_vec(ID, num_envs=50, scenes=OFTEN["scenes"], infos="all")
     first = env.reset(seed=1)[1]["scene_id"].tolist()
     assert env.reset(seed=1)[1]["scene_id"].tolist() == first
     assert (

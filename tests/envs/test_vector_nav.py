@@ -2,6 +2,8 @@
 environments.
 """
 
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 
 from irs_gym.envs.vector_nav import IrsNavVectorEnv
 
+SCENES = Path(__file__).resolve().parents[2] / "irs_gym" / "scenes"
 ID = "irs_gym:IrsNav-v0"
 # close ends and a short limit: many episodes of every kind in few steps
 OFTEN = {
@@ -268,3 +271,15 @@ def test_gymnasiums_vector_wrappers_fit():
         6,
         6,
     ]
+
+
+@pytest.mark.parametrize("env_id", [ID, "irs_gym:IrsNavRandom-v0"])
+@pytest.mark.parametrize("observation", ["dict", "flat", "map", "masked", "cell"])
+@pytest.mark.parametrize("copy", [True, False])
+def test_each_array_of_an_observation_is_in_one_piece(env_id, observation, copy):
+    """JAX takes no views with gaps, so `gymnasium.wrappers.vector.ArrayConversion` fails at them."""
+    kwargs = {"scenes": str(SCENES)} if "Random" in env_id else {}
+    env = gymnasium.make_vec(env_id, num_envs=3, observation=observation, copy=copy, **kwargs)
+    for seen in (env.reset(seed=0)[0], env.step(np.zeros(3, dtype=np.int64))[0]):
+        arrays = seen.values() if isinstance(seen, dict) else [seen]
+        assert all(each.flags.c_contiguous for each in arrays)

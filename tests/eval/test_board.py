@@ -20,6 +20,7 @@ from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.rollout.episode import arguments_of, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
+from agents.single.model import build_model
 from agents.single.ppo import PpoConfig
 from agents.vec_env import IrsNavVecEnv
 from eval.commands.board import FIGURES
@@ -54,7 +55,7 @@ class Script:
 
 @pytest.fixture(scope="module")
 def model():
-    return TINY.build(IrsNavVecEnv(2, **arguments_of(TASK)), 0)
+    return build_model(TINY, IrsNavVecEnv(2, **arguments_of(TASK)), 0)
 
 
 @pytest.fixture(autouse=True)

@@ -16,6 +16,7 @@ from agents.policies.heuristics import REFERENCE_POLICIES, greedy, oracle
 from agents.rollout.episode import EpisodeResult, arguments_of, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
+from agents.single.model import build_model
 from agents.single.ppo import PpoConfig
 from agents.vec_env import IrsNavVecEnv
 from eval.commands.score import table
@@ -40,7 +41,7 @@ def run(tmp_path) -> Run:
 
 
 def untrained():
-    return TINY.build(IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK)), 0)
+    return build_model(TINY, IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK)), 0)
 
 
 def episode(*, is_success: bool, distance: float, refused: int = 0) -> EpisodeResult:

@@ -13,7 +13,7 @@ from irs_gym.grid import Grid
 from irs_gym.radio.radio_map import build_radio_map
 from irs_gym.radio.scene import load_scene
 from irs_gym.rendering import View, draw_frame, text_frame
-from irs_gym.rendering.background import COLOUR_MAP, OBSTACLE, ROBOT
+from irs_gym.rendering.background import COLOUR_MAP, OBSTACLE, ROBOT, background_of
 from irs_gym.rendering.layout import round_steps
 from irs_gym.rendering.primitives import font
 
@@ -85,7 +85,7 @@ def paper_view():
 
 def map_of(view, frame):
     """The part of a frame that shows the map."""
-    layout = view.background.layout
+    layout = background_of(view).layout
     return frame[layout.top : layout.bottom, layout.left : layout.right]
 
 
@@ -125,7 +125,7 @@ def test_nothing_is_cut_off_at_the_picture_s_edges(shape, size):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_legend_lies_outside_the_map_and_the_colour_bar(shape):
-    layout = random_view(shape, 512).background.layout
+    layout = background_of(random_view(shape, 512)).layout
     left, top, width, height = layout.bar
     assert left >= layout.right
     assert (
@@ -137,21 +137,21 @@ def test_legend_lies_outside_the_map_and_the_colour_bar(shape):
     ("shape", "share"), [((40, 40), 0.7), ((60, 20), 0.7), ((33, 50), 0.7), ((20, 60), 0.85)]
 )
 def test_map_takes_most_of_the_picture(shape, share):
-    assert max(random_view(shape, 512).background.layout.map_size) > share * 512
+    assert max(background_of(random_view(shape, 512)).layout.map_size) > share * 512
 
 
 @pytest.mark.parametrize("size", [320, 512, 900])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_title_has_room_for_the_longest_numbers(shape, size):
     view = replace(random_view(shape, size), target_db=-100.5)
-    background = view.background
+    background = background_of(view)
     title_end = background.margin_at[0] + font(background.layout.em).getlength("margin -100.00 dB")
     assert title_end < background.image.width
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_cells_are_square(shape):
-    layout = random_view(shape, 900).background.layout
+    layout = background_of(random_view(shape, 900)).layout
     width, height = np.divide(layout.map_size, shape)
     assert abs(width - height) <= 1 / min(shape)  # whole pixels for the whole map
 
@@ -175,14 +175,14 @@ def test_every_obstacle_of_the_paper_is_where_the_scene_has_it():
     frame = draw_frame(view, [view.start])
     for obstacle in scene.obstacles:
         if obstacle.center != (0.0, 0.0):  # the row drawn as the oracle's path crosses this one
-            column, row = view.background.layout.pixels(obstacle.center).astype(int)
+            column, row = background_of(view).layout.pixels(obstacle.center).astype(int)
             assert tuple(frame[row, column]) == OBSTACLE
     assert np.isneginf(view.gain_db).sum() == 5 * 64
 
 
 def test_infeasible_cells_are_paler_and_hatched_in_the_map_and_in_the_colour_bar():
     views = [plain_view(target_db=target_db) for target_db in (-60.0, -80.0)]
-    left, top, width, height = views[0].background.layout.bar
+    left, top, width, height = background_of(views[0]).layout.bar
     for part in (
         lambda view, frame: map_of(view, frame)[-80:-2, -100:-2],
         lambda view, frame: frame[top + height - 40 : top + height - 20, left : left + width],
@@ -220,7 +220,7 @@ def test_ticks_are_round_and_within_the_range():
 
 def test_robot_goes_right_with_i_and_up_with_j():
     view = plain_view()
-    cell = np.array(view.background.layout.map_size) / 10
+    cell = np.array(background_of(view).layout.map_size) / 10
     right = robot_of(view, (8, 5)) - robot_of(view, (5, 5))
     up = robot_of(view, (5, 8)) - robot_of(view, (5, 5))
     assert right == pytest.approx([0.0, 3 * cell[0]], abs=1.0)
@@ -228,10 +228,10 @@ def test_robot_goes_right_with_i_and_up_with_j():
 
 
 def test_a_move_changes_the_picture_around_the_robot_and_its_margin_only():
-    view, trail = plain_view(), [(1, 3), (2, 3), (3, 4), (4, 5)]
-    pixels = changed(draw_frame(view, trail[:-1]), draw_frame(view, trail))
-    layout = view.background.layout
-    ends, cell = layout.cell_pixels(trail[-2:])[:, ::-1], layout.map_size[0] / 10
+    view, path = plain_view(), [(1, 3), (2, 3), (3, 4), (4, 5)]
+    pixels = changed(draw_frame(view, path[:-1]), draw_frame(view, path))
+    layout = background_of(view).layout
+    ends, cell = layout.cell_pixels(path[-2:])[:, ::-1], layout.map_size[0] / 10
     is_near = ((pixels > ends.min(axis=0) - cell) & (pixels < ends.max(axis=0) + cell)).all(axis=1)
     is_title = pixels[:, 0] < layout.top
     assert is_near.any()
@@ -241,55 +241,55 @@ def test_a_move_changes_the_picture_around_the_robot_and_its_margin_only():
 def test_margin_is_written_anew_and_the_target_is_not():
     view = plain_view()
     pixels = changed(draw_frame(view, [(1, 1)]), draw_frame(view, [(7, 1)]))  # +10 dB, -10 dB
-    title = pixels[pixels[:, 0] < view.background.layout.top]
+    title = pixels[pixels[:, 0] < background_of(view).layout.top]
     assert len(title)
-    assert title[:, 1].min() >= view.background.margin_at[0]
+    assert title[:, 1].min() >= background_of(view).margin_at[0]
 
 
 def test_refused_moves_leave_no_trace():
-    view, trail = (
+    view, path = (
         plain_view(),
         [(1, 6), (1, 6), (2, 6), (3, 6), (3, 6), (4, 5), (4, 5), (4, 4), (4, 4)],
     )
-    distinct = [cell for k, cell in enumerate(trail) if k == 0 or cell != trail[k - 1]]
-    assert np.array_equal(draw_frame(view, trail), draw_frame(view, distinct))
+    distinct = [cell for k, cell in enumerate(path) if k == 0 or cell != path[k - 1]]
+    assert np.array_equal(draw_frame(view, path), draw_frame(view, distinct))
     assert np.array_equal(draw_frame(view, [START, START]), draw_frame(view, [START]))
 
 
 def test_trail_and_oracle_path_are_both_visible_where_they_coincide():
     view = plain_view(access_points=(), irs_panels=())
     bare = replace(view, oracle_cells=np.zeros((0, 2), dtype=int))
-    trail = view.oracle_cells
-    layout = view.background.layout
+    path = view.oracle_cells
+    layout = background_of(view).layout
     (left, row), (right, _) = layout.cell_pixels([(2, 3), (7, 3)]).astype(int)
     band = slice(row - layout.em, row + layout.em), slice(left, right)
 
     def share(frame, colour):
         return (frame[band] == colour).all(axis=-1).mean()
 
-    assert share(draw_frame(view, trail), ROBOT) == share(draw_frame(bare, trail), ROBOT) > 0.05
-    assert share(draw_frame(view, trail), (255, 255, 255)) > 0.01
-    assert share(draw_frame(bare, trail), (255, 255, 255)) == 0
+    assert share(draw_frame(view, path), ROBOT) == share(draw_frame(bare, path), ROBOT) > 0.05
+    assert share(draw_frame(view, path), (255, 255, 255)) > 0.01
+    assert share(draw_frame(bare, path), (255, 255, 255)) == 0
 
 
 # --- Frames ---------------------------------------------------------------------------------------
 
 
 def test_same_input_gives_the_same_frame():
-    trail = [(0, 3), (1, 3), (2, 4)]
+    path = [(0, 3), (1, 3), (2, 4)]
     view = plain_view()
-    assert np.array_equal(draw_frame(view, trail), draw_frame(view, trail))
+    assert np.array_equal(draw_frame(view, path), draw_frame(view, path))
     assert np.array_equal(
-        draw_frame(view, trail), draw_frame(plain_view(), np.array(trail, dtype=np.int32))
+        draw_frame(view, path), draw_frame(plain_view(), np.array(path, dtype=np.int32))
     )
 
 
 def test_drawing_leaves_the_background_as_it_was():
     view = plain_view()
-    background = view.background
+    background = background_of(view)
     before = np.array(background.image)
     frame = draw_frame(view, [(0, 3), (5, 5), (9, 9)])
-    assert view.background is background
+    assert background_of(view) is background
     frame[:] = 0  # a frame is the caller's
     assert np.array_equal(np.array(background.image), before)
     assert not np.shares_memory(draw_frame(view, [START]), draw_frame(view, [START]))
@@ -379,18 +379,18 @@ def test_text_without_stations_or_oracle_has_none_of_their_marks():
 
 @pytest.mark.parametrize("show", [draw_frame, text_frame])
 @pytest.mark.parametrize(
-    ("trail", "message"),
+    ("path", "message"),
     [
-        ([], r"trail must be integers of shape \(T, 2\)"),
-        ([1, 2], r"trail must be integers of shape \(T, 2\)"),
-        ([(0.5, 1.0)], "trail must be integers"),
-        ([(0, 0), (10, 3)], r"trail holds \(10, 3\), which is off the grid of \(10, 10\)"),
-        ([(-1, 0)], r"trail holds \(-1, 0\)"),
+        ([], r"path must be integers of shape \(T, 2\)"),
+        ([1, 2], r"path must be integers of shape \(T, 2\)"),
+        ([(0.5, 1.0)], "path must be integers"),
+        ([(0, 0), (10, 3)], r"path holds \(10, 3\), which is off the grid of \(10, 10\)"),
+        ([(-1, 0)], r"path holds \(-1, 0\)"),
     ],
 )
-def test_a_trail_that_is_none_is_refused(show, trail, message):
+def test_a_path_that_is_none_is_refused(show, path, message):
     with pytest.raises(ValueError, match=message):
-        show(plain_view(), trail)
+        show(plain_view(), path)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Facts about the infos: one set of keys at every step, as plain dicts of plain arrays and numbers."""
+"""Facts about the infos: one set of keys at every step, as plain dicts of arrays and numbers."""
 
 import json
 import pickle
@@ -32,13 +32,16 @@ def episodes(env, steps):
 def test_a_single_environment_tells_the_same_keys_at_every_step(env_id, arguments, constraint):
     arguments = {**arguments, "constraint": constraint, "goal_bonus": 60.0, "random_start": True}
     env = gymnasium.make(env_id, max_episode_steps=20, **arguments)
-    expected = [*KEYS, "scene_id"] if "scenes" in arguments else [*KEYS]
+    expected = [*KEYS, "scene_number", "scene_id"] if "scenes" in arguments else [*KEYS]
     for info in episodes(env, 300):
         assert [*info] == expected
         kinds = {key: type(value) for key, value in info.items()}
         assert kinds.pop("action_mask") is np.ndarray
         assert {key for key, kind in kinds.items() if kind is bool} == {"is_success", "is_refused"}
-        assert {key for key, kind in kinds.items() if kind is int} == {"refused"}
+        assert {key for key, kind in kinds.items() if kind is int} == {"refused", *expected} & {
+            "refused",
+            "scene_number",
+        }
         assert set(kinds.values()) <= {bool, float, int, str}
         assert (
             json.loads(json.dumps({**info, "action_mask": info["action_mask"].tolist()}))["spl"]
@@ -59,8 +62,8 @@ def test_infos_chooses_the_keys():
     assert told([]) == []
     assert [key for key in gymnasium.make_vec(ONE[0]).reset()[1] if not key.startswith("_")] == FAST
     many = gymnasium.make(MANY[0], **MANY[1])
-    assert [*many.reset()[1]] == [*KEYS, "scene_id"]
-    assert [*many.step(0)[4]] == [*KEYS, "scene_id"]
+    assert [*many.reset()[1]] == [*KEYS, "scene_number", "scene_id"]
+    assert [*many.step(0)[4]] == [*KEYS, "scene_number", "scene_id"]
 
 
 @pytest.mark.parametrize("infos", ["spl", None, ["speed"], 3, [1], {"spl": True}, True])
@@ -128,3 +131,10 @@ def test_spread_zeroes_the_others():
     assert spread(np.array([1.5]), np.array([1]), 3).tolist() == [0.0, 1.5, 0.0]
     assert spread(np.array(["a"], dtype=object), np.array([0]), 2).tolist() == ["a", None]
     assert spread(np.array([[1, 2]]), np.array([0]), 2).tolist() == [[1, 2], [0, 0]]
+
+
+@pytest.mark.parametrize(("env_id", "arguments"), [ONE, MANY])
+def test_by_default_a_vectors_infos_are_numbers_alone(env_id, arguments):
+    env = gymnasium.make_vec(env_id, num_envs=2, **arguments)
+    for infos in (env.reset(seed=0)[1], env.step(np.array([0, 4]))[4]):
+        assert {array.dtype.kind for array in infos.values()} == {"b", "f", "i"}

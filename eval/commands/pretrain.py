@@ -10,7 +10,7 @@ from rich.progress import track
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from agents.registry import ALGORITHMS
+from agents.registry import ALGORITHMS, generalists, specialists
 from agents.rollout.episode import arguments_of
 from agents.runs.manifest import GeneralistEntry
 from agents.runs.pretrained import (
@@ -28,15 +28,14 @@ from eval.scoreboard.results import Result, find_runs, read_results, tell_left_o
 from eval.unseen.policy_results import find_generalists
 from irs_gym.radio.scene import scene_names
 
-# All but the tables of one's own that act in one scene; networks of our own before those of SB3.
-_BY_TRACK = sorted(
-    ALGORITHMS, key=lambda name: (ALGORITHMS[name].track != "scene", ALGORITHMS[name].is_sb3)
-)
 if TYPE_CHECKING:
     Kept = str
 else:
+    # Those of one scene, then our own networks, then those of Stable-Baselines3; no tables.
     Kept = Literal[
-        tuple(name for name in _BY_TRACK if ALGORITHMS[name].is_sb3 or ALGORITHMS[name].is_taught)
+        *(name for name in specialists() if ALGORITHMS[name].is_sb3),
+        *(name for name in generalists() if ALGORITHMS[name].is_taught),
+        *(name for name in generalists() if ALGORITHMS[name].is_sb3),
     ]
 
 

@@ -1,15 +1,15 @@
 """The floor's grid of square cells, the eight moves, and `legal_moves`, the only judge of motion.
 
 Cells are ``(i, j)`` with ``i`` along x and ``j`` along y, as in the paper's matrix C; every map is
-an array of shape ``(X, Y)`` indexed ``[i, j]``. Points are ``(x, y)`` in metres. Moves run
-counter-clockwise from +x: E, NE, N, NW, W, SW, S, SE.
+an array of shape ``(X, Y)`` indexed ``[i, j]``, and its flat cells are numbered ``i * Y + j``.
+Points are ``(x, y)`` in metres. Moves run counter-clockwise from +x: E, NE, N, NW, W, SW, S, SE.
 """
 
 from dataclasses import dataclass
 from math import floor, sqrt
 from numbers import Real
 from operator import index
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,11 +25,14 @@ for _constant in (MOVES, MOVE_LENGTHS):
     _constant.setflags(write=False)
 
 Cell = tuple[int, int]
+_Int = TypeVar("_Int", bound=np.integer[Any])
 
 # metres: of a cell's edge, and of any coordinate
 SMALLEST = 1e-9
 LARGEST = 1e9
-_SNAP = 1e-9  # in cells: a point this near to a border counts as on it, whatever the rounding of its coordinates
+
+# In cells: a point this near to a border counts as on it, whatever the rounding of its coordinates.
+_SNAP = 1e-9
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,14 @@ class Grid:
     ValueError
         Where ``shape`` is not two positive integers, ``cell_size`` not positive and finite, or
         ``origin`` not two finite numbers.
+
+    Examples
+    --------
+    >>> grid = Grid.tile((-10.0, -10.0), (10.0, 10.0), 0.5)
+    >>> grid.shape, grid.cell_of((-10.0, 0.0)), grid.centre((0, 20))
+    ((40, 40), (0, 20), (-9.75, 0.25))
+    >>> grid.flat((1, 2)), grid.cell_at(42)
+    (42, (1, 2))
     """
 
     shape: tuple[int, int]
@@ -85,10 +96,12 @@ class Grid:
         for axis, low, high in zip("xy", lower, upper, strict=True):
             cells = (high - low) / cell_size
             if round(cells) < 1 or abs(cells - round(cells)) > _SNAP * max(1.0, cells):
+                better = (high - low) / max(1, round(cells))
                 raise ValueError(
-                    f"cell_size={cell_size} does not divide the room's {high - low:g} m along {axis}: "
-                    f"{(high - low) / max(1, round(cells)):.6g} m would"
+                    f"cell_size={cell_size} does not divide the room's {high - low:g} m "
+                    f"along {axis}: {better:.6g} m would"
                 )
+
             shape.append(round(cells))
 
         return cls((shape[0], shape[1]), cell_size, lower)
@@ -133,18 +146,27 @@ class Grid:
             position = (value - low) / self.cell_size
             if not -_SNAP <= position <= n + _SNAP:
                 raise ValueError(
-                    f"the point {point} m lies outside the floor from {self.origin} to {self.upper} m"
+                    f"the point {point} m lies outside the floor "
+                    f"from {self.origin} to {self.upper} m"
                 )
 
             nearest = round(position)
-            index = nearest if abs(position - nearest) < _SNAP else floor(position)
-            cell.append(min(index, n - 1))
+            at = nearest if abs(position - nearest) < _SNAP else floor(position)
+            cell.append(min(at, n - 1))  # the outer border has no cell beyond it
 
         return cell[0], cell[1]
 
     def has(self, cell: Cell) -> bool:
         """Whether the cell lies on the grid."""
         return 0 <= cell[0] < self.shape[0] and 0 <= cell[1] < self.shape[1]
+
+    def flat(self, cell: Cell) -> int:
+        """Number of a cell (i, j) among the flat cells."""
+        return cell[0] * self.shape[1] + cell[1]
+
+    def cell_at(self, flat: int) -> Cell:
+        """The cell (i, j) of that number: undoes `flat`."""
+        return divmod(flat, self.shape[1])
 
     def check_memory(self, each: float, what: str = "the map") -> None:
         """Refuse work on the map that takes so many bytes for each cell; see
@@ -170,7 +192,9 @@ def as_cell(value: Any, name: str, wanted: str = "a cell (i, j) of two integers"
 
 
 def checked_cell_size(cell_size: Any) -> float:
-    """Edge of a cell in metres; a ``ValueError`` says what is wrong with one that no map can have."""
+    """Edge of a cell in metres; a ``ValueError`` says what is wrong with one that no map can
+    have.
+    """
     is_number = isinstance(cell_size, Real) and not isinstance(cell_size, bool)
     if not is_number or not 0 < cell_size < np.inf:
         raise ValueError(f"cell_size={cell_size!r} must be a positive number of metres")
@@ -235,6 +259,68 @@ def checked_map(values: Any, name: str, kinds: str, each: float = 0) -> NDArray[
     return array
 
 
+def flat_cells(cells: NDArray[_Int], shape: tuple[int, int]) -> NDArray[_Int]:
+    """Numbers of cells (i, j) on a map of that shape; or how far apart, for differences of cells.
+
+    ``cells`` has the shape ``(..., 2)``, the result ``(...)``. One cell: `Grid.flat`.
+
+    Examples
+    --------
+    >>> flat_cells(np.array([[0, 0], [1, 2]]), (3, 5))
+    array([0, 7])
+    """
+    return np.asarray(cells[..., 0] * shape[1] + cells[..., 1])
+
+
+def cells_at(flat: NDArray[_Int], shape: tuple[int, int]) -> NDArray[_Int]:
+    """Cells (i, j) of those numbers ``(...)``, shape ``(..., 2)``: undoes `flat_cells`.
+
+    Examples
+    --------
+    >>> cells_at(np.array([0, 7]), (3, 5))
+    array([[0, 0],
+           [1, 2]])
+    """
+    cells = np.empty((*flat.shape, 2), dtype=flat.dtype)
+    np.divmod(flat, shape[1], out=(cells[..., 0], cells[..., 1]))  # a third of the time of a stack
+
+    return cells
+
+
+def neighbours(values: NDArray[Any], fill: Any, axis: int = -1) -> NDArray[Any]:
+    """What each move leads to: the values of the eight cells around each cell.
+
+    Parameters
+    ----------
+    values
+        Shape ``(..., X, Y)``: one map, or many.
+    fill
+        The value off the map.
+    axis
+        Where the axis of the moves goes, in the order of `MOVES`.
+
+    Returns
+    -------
+    Shape ``(..., X, Y, 8)`` with the axis in its usual place, at the end.
+
+    Examples
+    --------
+    >>> neighbours(np.array([[1, 2, 3]]), 0)[0, 1]
+    array([0, 0, 3, 0, 0, 0, 1, 0])
+    """
+    *maps, columns, rows = values.shape
+    padded = np.full((*maps, columns + 2, rows + 2), fill, dtype=values.dtype)
+    padded[..., 1:-1, 1:-1] = values
+
+    return np.stack(
+        [
+            padded[..., 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj]
+            for di, dj in MOVES.tolist()
+        ],
+        axis=axis,
+    )
+
+
 def legal_moves(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which of the eight moves lead from each cell to a free cell of the map.
 
@@ -244,19 +330,13 @@ def legal_moves(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     Parameters
     ----------
     free
-        Shape ``(X, Y)``: the cells that may be entered.
+        Shape ``(..., X, Y)``: the cells that may be entered.
 
     Returns
     -------
-    Shape ``(X, Y, 8)``, the last axis in the order of `MOVES`.
+    Shape ``(..., X, Y, 8)``, the last axis in the order of `MOVES`.
     """
-    columns, rows = free.shape
-    padded = np.zeros((columns + 2, rows + 2), dtype=bool)
-    padded[1:-1, 1:-1] = free
-
-    return np.stack(
-        [padded[1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1
-    )
+    return neighbours(free, False)
 
 
 def octile_distance(offsets: ArrayLike) -> NDArray[np.float64]:

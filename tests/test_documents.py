@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from agents import registry
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("irs_gym", "agents", "train", "eval")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
@@ -20,6 +22,7 @@ BY_HAND = sorted(
         *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
         *ROOT.glob(".github/**/*.md"),
         ARCHITECTURE,
+        ROOT / "docs" / "glossary.md",
     ]
 )
 SOURCES = sorted(each for name in PACKAGES for each in ROOT.glob(f"{name}/**/*.py"))
@@ -42,11 +45,14 @@ def contracts() -> dict[str, list[str]]:
 
 @cache
 def resolve(name: str) -> Any:
-    """What a dotted name stands for: a module, or something in one."""
+    """What a dotted name stands for: a module, or something in one; None for a field of a class."""
     words = name.split(".")
     found = import_module(words[0])
 
     for count, word in enumerate(words[1:], start=2):
+        if isinstance(found, type) and word in found.__annotations__:
+            return None
+
         try:
             found = getattr(found, word)
         except AttributeError:
@@ -106,6 +112,14 @@ def test_the_drawing_is_that_of_the_contracts(package):
     assert drawing, f"no drawing of {package}"
     drawn = [re.split(r" {2,}", line.strip())[0] for line in drawing[1].splitlines()]
     assert drawn == [row.replace("(", "").replace(")", "") for row in contracts()[package]]
+
+
+def test_the_row_of_an_algorithm_is_one():
+    (block,) = re.findall(
+        r"^```python\n(.*?)^```$", (ROOT / "CONTRIBUTING.md").read_text(), re.DOTALL | re.MULTILINE
+    )
+    rows = eval(f"{{{block}}}", {"Row": registry.Row})
+    assert rows["sarsa"].track == "scene"
 
 
 def test_make_alone_tells_every_target():

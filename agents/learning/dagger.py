@@ -17,7 +17,8 @@ from agents.learning.robot_batch import RobotBatch
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.oracle.shortest_path import detours_of_moves
 
-_LONGEST = 10.0  # cells: a longer detour counts as much as this, and so does a refusal
+# Cells: a longer detour counts as much as this, and so does a refusal.
+_LONGEST = 10.0
 
 
 class Dagger:
@@ -36,32 +37,39 @@ class Dagger:
         self.network = network
         self._rng = rng
         self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
-        self._expedition: RobotBatch | None = None
+        self._robots: RobotBatch | None = None  # under way from the first update on
 
     def update(self, pool: SceneSet, progress: float) -> tuple[int, dict[str, float]]:
         """One gradient step and the steps after it, counted in steps of robots; see
         `agents.learning.map_learner.Teacher`.
         """
-        if self._expedition is None:
-            self._expedition = RobotBatch(self.config.terms, pool, self._rng)
+        config = self.config
+        if self._robots is None:
+            self._robots = RobotBatch(config.terms, pool, self._rng)
 
-        robots = self._expedition
+        robots = self._robots
         margin, goals, settings = robots.known(pool)
         guess = self.network(margin, goals, settings)
         detour = self._detour(pool, robots.scenes, margin, guess.plan.logits)
-        unknown = margin.isnan()
+
+        # What the map is really like where a robot has not looked: which cells are feasible.
+        unknown = margin.isnan()  # (n, X, Y)
         is_feasible = torch.from_numpy(pool.feasible[robots.scenes]).to(margin)[unknown]
         errors = binary_cross_entropy_with_logits(
             guess.feasible[unknown], is_feasible, reduction="sum"
         )
         error = errors / unknown.sum().clamp(min=1)  # small maps may be known as a whole
-        loss = detour + self.config.guess_coef * error
-        rate = cosine(self.config.learning_rate, progress)
-        gradient_step(self._optimizer, loss, rate, self.config.max_grad_norm)
-        steps = int(self._rng.integers(1, 2 * self.config.n_steps))
-        self._walk(pool, guess.plan.logits.detach().argmax(dim=1).numpy(), steps)
 
-        return steps * self.config.robots, {"detour": detour.item(), "guess_error": error.item()}
+        loss = detour + config.guess_coef * error
+        rate = cosine(config.learning_rate, progress)
+        gradient_step(self._optimizer, loss, rate, config.max_grad_norm)
+
+        # On to the states that its own plans lead to.
+        steps = int(self._rng.integers(1, 2 * config.n_steps))
+        moves = guess.plan.logits.detach().argmax(dim=1).numpy()  # (n, X, Y)
+        _walk(robots, pool, moves, steps)
+
+        return steps * config.robots, {"detour": detour.item(), "guess_error": error.item()}
 
     def _detour(
         self, pool: SceneSet, scenes: NDArray[np.int64], margin: Tensor, logits: Tensor
@@ -69,24 +77,24 @@ class Dagger:
         """Mean over the cells known to each robot of the detour that its drawn moves make, in
         cells.
         """
-        metres = detours_of_moves(pool.distance_to_go[scenes], pool.cell_size)
+        metres = detours_of_moves(pool.distance_to_go[scenes], pool.cell_size)  # (n, 8, X, Y)
         cells = torch.from_numpy(np.minimum(metres / pool.cell_size, _LONGEST).astype(np.float32))
+        mean_detour = (logits.softmax(dim=1) * cells).sum(dim=1)  # (n, X, Y)
+
+        # No move from the goal, nor from where it cannot be reached, is better than another.
         to_go = torch.from_numpy(pool.distance_to_go[scenes])
         is_asked = (margin >= 0) & to_go.isfinite() & (to_go > 0)
-        mean_detour = (logits.softmax(dim=1) * cells).sum(dim=1)
 
         return mean_detour[is_asked].mean()
 
-    def _walk(self, pool: SceneSet, moves: NDArray[np.int64], steps: int) -> None:
-        """Follow plans ``(n, X, Y)``, looking around; who has begun anew waits for a plan of its
-        own.
-        """
-        robots = self._expedition
-        assert robots is not None
-        n = np.arange(self.config.robots)
-        waits = np.zeros(self.config.robots, dtype=bool)
 
-        for _ in range(steps):
-            waits |= robots.move(
-                pool, moves[n, robots.cells[:, 0], robots.cells[:, 1]], waits
-            ).is_over
+def _walk(robots: RobotBatch, pool: SceneSet, moves: NDArray[np.int64], steps: int) -> None:
+    """Follow plans ``(n, X, Y)``, looking around; who has begun anew waits for a plan of its
+    own.
+    """
+    n = np.arange(len(moves))
+    waits = np.zeros(len(moves), dtype=bool)
+
+    for _ in range(steps):
+        i, j = robots.cells.T
+        waits |= robots.move(pool, moves[n, i, j], waits).is_over

@@ -12,6 +12,8 @@ from agents.networks.map_network import maps_of
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.oracle.shortest_path import optimal_moves
 
+_FAR = 40.0  # cells: an error in the way to go of so many weighs as much as 1
+
 
 def imitation_loss(logits: Tensor, is_optimal: Tensor) -> Tensor:
     """Minus the logarithm of the probability of all optimal moves together, mean over the cells
@@ -19,11 +21,11 @@ def imitation_loss(logits: Tensor, is_optimal: Tensor) -> Tensor:
 
     Both arguments have the shape ``(B, 8, X, Y)``.
     """
-    right = logits.masked_fill(~is_optimal, -torch.inf).movedim(1, -1)
-    is_labelled = is_optimal.any(dim=1)
-    return (
-        logits.movedim(1, -1)[is_labelled].logsumexp(dim=-1) - right[is_labelled].logsumexp(dim=-1)
-    ).mean()
+    is_labelled = is_optimal.any(dim=1)  # (B, X, Y)
+    every = logits.movedim(1, -1)[is_labelled]  # (labelled cells, 8)
+    right = logits.masked_fill(~is_optimal, -torch.inf).movedim(1, -1)[is_labelled]
+
+    return (every.logsumexp(dim=-1) - right.logsumexp(dim=-1)).mean()
 
 
 class Imitation:
@@ -38,19 +40,23 @@ class Imitation:
         self.network = network
         self._rng = rng
         self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
-        self._waiting = np.zeros(0, dtype=np.int64)
+        self._waiting = np.zeros(0, dtype=np.int64)  # scenes not seen yet in this round
 
     def update(self, pool: SceneSet, progress: float) -> tuple[int, dict[str, float]]:
         """One batch, counted in scenes; see `agents.learning.map_learner.Teacher`."""
         scenes = self._draw(len(pool))
         symmetry = int(self._rng.choice(SYMMETRIES))
-        is_optimal = torch.from_numpy(optimal_moves(pool.distance_to_go[scenes], pool.cell_size))
+        metres = pool.distance_to_go[scenes]  # (B, X, Y)
+        is_optimal = torch.from_numpy(optimal_moves(metres, pool.cell_size))  # (B, 8, X, Y)
+
         plan = self.network(turn(maps_of(pool, scenes), symmetry))
         loss = imitation_loss(plan.logits, turn_moves(is_optimal, symmetry))
+
+        # Beside the moves, how far the goal is, where it can be reached.
         if self.config.to_go_coef:
-            to_go = turn(torch.from_numpy(pool.distance_to_go[scenes] / pool.cell_size), symmetry)
+            to_go = turn(torch.from_numpy(metres / pool.cell_size), symmetry)
             can_reach = to_go.isfinite()
-            error = (plan.to_go[can_reach] - to_go[can_reach].to(plan.to_go)).abs().mean() / 40.0
+            error = (plan.to_go[can_reach] - to_go[can_reach].to(plan.to_go)).abs().mean() / _FAR
             loss = loss + self.config.to_go_coef * error
 
         rate = cosine(self.config.learning_rate, progress)
@@ -59,6 +65,9 @@ class Imitation:
         return len(scenes), {"loss": loss.item()}
 
     def _draw(self, scenes: int) -> NDArray[np.int64]:
+        """Numbers of the next batch of so many scenes; what is left of a round and too few is
+        dropped.
+        """
         batch = min(self.config.batch_scenes, scenes)
         if len(self._waiting) < batch:
             self._waiting = self._rng.permutation(scenes)

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from agents.learning.map_configs import ProximalConfig
+from agents.rollout.rules import RULES
+from irs_gym.datasets.generator import CELL_SIZE
 
 Floats = NDArray[np.float32]
 
-GOAL_BONUS = 20.0  # the environment's 10 m
-_UNIT = 20.0
+_UNIT = 20.0  # cells: lengths are divided by this for the critic
 
 
 class WayCritic(nn.Linear):
@@ -29,7 +30,8 @@ class WayCritic(nn.Linear):
         super().__init__(2, 1)
         with torch.no_grad():
             self.weight.copy_(torch.tensor([[-_UNIT, _UNIT]]))
-            self.bias.fill_(GOAL_BONUS)
+            # A bonus in cells of the usual size: only where the critic begins, since it is learned.
+            self.bias.fill_(RULES.goal_bonus / CELL_SIZE)
 
     def values(self, to_go: Tensor, octile: Tensor) -> Tensor:
         """Values, in the shape of both arguments."""
@@ -49,50 +51,55 @@ def generalized_advantages(td_errors: Floats, not_done: Floats, decay: float) ->
     decay
         The discount times lambda.
     """
-    found = np.zeros_like(td_errors)
+    advantages = np.zeros_like(td_errors)
     running = np.zeros(td_errors.shape[1], dtype=np.float32)
 
+    # Backwards, A(t) = delta(t) + decay * A(t + 1), cut off where an episode ends (eq. 16 of GAE).
     for t in reversed(range(len(td_errors))):
         running = td_errors[t] + decay * not_done[t] * running
-        found[t] = running
+        advantages[t] = running
 
-    return found
+    return advantages
 
 
 def normalized(advantages: Floats) -> Tensor:
     """With mean 0 and standard deviation 1."""
-    found = torch.from_numpy(advantages)
-    return (found - found.mean()) / (found.std() + 1e-8)
+    values = torch.from_numpy(advantages)
+    return (values - values.mean()) / (values.std() + 1e-8)
 
 
 def clipped_loss(
     config: ProximalConfig,
     progress: float,
-    log_probabilities: Tensor,
+    log_probs: Tensor,
     actions: NDArray[np.int64],
     old_log_probs: Tensor,
     advantages: Tensor,
     values: Tensor,
-    targets: Floats,
+    returns: Floats,
 ) -> tuple[Tensor, dict[str, float]]:
     """PPO's loss, and what to log of it.
 
     Parameters
     ----------
-    log_probabilities
-        Of the moves as they are now, shape ``(..., 8)``; that of all other arrays is ``(...)``.
+    log_probs
+        Logarithms of the probabilities of the moves as they are now, shape ``(..., 8)``; that of all other arrays is ``(...)``.
     old_log_probs
         Logarithms of the probabilities of the actions when they were drawn.
     """
-    new_log_probs = log_probabilities.gather(-1, torch.from_numpy(actions)[..., None])[..., 0]
+    # The policy: ratios beyond the clip range gain nothing more (eq. 7 of PPO).
+    new_log_probs = log_probs.gather(-1, torch.from_numpy(actions)[..., None])[..., 0]
     ratio = (new_log_probs - old_log_probs).exp()
-    clip = config.clip_range
-    policy_objective = torch.minimum(
-        ratio * advantages, ratio.clamp(1.0 - clip, 1.0 + clip) * advantages
-    ).mean()
-    target = torch.from_numpy(targets)
+    clipped = ratio.clamp(1.0 - config.clip_range, 1.0 + config.clip_range)
+    policy_objective = torch.minimum(ratio * advantages, clipped * advantages).mean()
+
+    # The critic: over the variance, so that its weight is the same however long the ways are.
+    target = torch.from_numpy(returns)
     value_loss = (values - target).square().mean() / (target.var() + 1.0)
-    entropy = -(log_probabilities.exp() * log_probabilities).sum(dim=-1).mean()
+
+    # Entropy keeps the policy from settling early: its weight falls to zero.
+    entropy = -(log_probs.exp() * log_probs).sum(dim=-1).mean()
+
     loss = (
         -policy_objective
         + config.vf_coef * value_loss
@@ -104,5 +111,5 @@ def clipped_loss(
 
 def sample_actions(probabilities: Floats, uniform: Floats) -> NDArray[np.int64]:
     """Actions drawn with probabilities ``(n, 8)`` by uniform numbers ``(n,)``."""
-    cumulated = probabilities.cumsum(axis=1)
+    cumulated = probabilities.cumsum(axis=1)  # (n, 8); the last is 1 but for rounding
     return np.asarray((cumulated < uniform[:, None] * cumulated[:, -1:]).sum(axis=1))

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from agents.policies.belief_map import BeliefMap, patches_of
+from agents.rollout.rules import RULES
 from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.grid import MOVES
+from irs_gym.grid import cells_at, flat_cells
+from irs_gym.mdp.dynamics import next_cells, permissions
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -38,8 +40,8 @@ class RobotBatchConfig:
     random_start: float
 
 
-class FinishedEpisodes(NamedTuple):
-    """Where a step has brought n robots."""
+class BatchStep(NamedTuple):
+    """Where a step has brought n robots, before those whose episodes are over begin anew."""
 
     cells: Ints  # (n, 2)
     is_there: Bools  # (n,), at the goal
@@ -53,32 +55,40 @@ class RobotBatch:
     ----------
     scenes, cells
         Where each robot is, ``(n,)`` and ``(n, 2)``.
+    steps
+        How many each has taken since it began, ``(n,)``.
     seen
         What each has seen since it began.
     """
 
-    def __init__(self, terms: RobotBatchConfig, pool: SceneSet, rng: np.random.Generator) -> None:
-        n = terms.robots
-        self.terms = terms
+    def __init__(self, config: RobotBatchConfig, pool: SceneSet, rng: np.random.Generator) -> None:
+        n = config.robots
+        self.config = config
         self._rng = rng
         self.scenes = np.zeros(n, dtype=np.int64)
         self.cells = np.zeros((n, 2), dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
-        self.seen = BeliefMap.nothing(n, pool.shape, terms.patch_radius)
+        self.seen = BeliefMap.nothing(n, pool.shape, config.patch_radius)
         self.begin(pool, np.arange(n))
 
     def known(self, pool: SceneSet) -> tuple[Tensor, Tensor, Tensor]:
         """What the robots know, as `agents.networks.explorer.ExplorerNetwork` takes it: a copy."""
-        goals = pool.goal[self.scenes] @ [pool.shape[1], 1]
-        margin = torch.from_numpy(np.ascontiguousarray(self.seen.maps))
-        return margin, torch.from_numpy(goals), torch.from_numpy(pool.irs[self.scenes])
+        margin = np.ascontiguousarray(self.seen.maps)  # (n, X, Y)
+        goals = flat_cells(pool.goal[self.scenes], pool.shape)  # (n,)
+
+        return (
+            torch.from_numpy(margin),
+            torch.from_numpy(goals),
+            torch.from_numpy(pool.irs[self.scenes]),
+        )
 
     def begin(self, pool: SceneSet, robots: Ints) -> None:
         """Send these robots on their way through scenes drawn anew."""
         self.scenes[robots] = self._rng.integers(len(pool), size=len(robots))
         self.cells[robots] = pool.start[self.scenes[robots]]
 
-        for robot in robots[self._rng.random(len(robots)) < self.terms.random_start].tolist():
+        is_drawn = self._rng.random(len(robots)) < self.config.random_start
+        for robot in robots[is_drawn].tolist():
             to_go = pool.distance_to_go[self.scenes[robot]]
             self.cells[robot] = self._rng.choice(np.argwhere(np.isfinite(to_go) & (to_go > 0)))
 
@@ -86,27 +96,35 @@ class RobotBatch:
         self.seen = self.seen.forget(robots)
         self._look(pool)
 
-    def move(self, pool: SceneSet, moves: Ints, waits: Bools) -> FinishedEpisodes:
-        """One step of all robots but those that wait; refused into cells that are not feasible.
+    def move(self, pool: SceneSet, moves: Ints, waits: Bools) -> BatchStep:
+        """One step of all robots but those that wait, by the rules of the environment.
 
         Those that have arrived or given up begin anew.
         """
-        ahead = self.cells + MOVES[moves]
-        is_inside = ((ahead >= 0) & (ahead < pool.shape)).all(axis=1)
-        inside = np.where(is_inside[:, None], ahead, 0)
-        can = is_inside & pool.feasible[self.scenes, inside[:, 0], inside[:, 1]] & ~waits
-        places = self.cells = np.where(can[:, None], ahead, self.cells)
+        cells = self._next_cells(pool, moves, ~waits)
+        self.cells = cells
         self.steps += ~waits
         self._look(pool)
-        is_there = (self.cells == pool.goal[self.scenes]).all(axis=1)
-        is_over = is_there | (self.steps >= self.terms.max_steps)
+
+        is_there = (cells == pool.goal[self.scenes]).all(axis=1)
+        is_over = is_there | (self.steps >= self.config.max_steps)
         if is_over.any():
-            self.cells = places.copy()
+            self.cells = cells.copy()  # the step that is told of keeps its own
             self.begin(pool, np.flatnonzero(is_over))
 
-        return FinishedEpisodes(places, is_there, is_over)
+        return BatchStep(cells, is_there, is_over)
+
+    def _next_cells(self, pool: SceneSet, moves: Ints, is_moving: Bools) -> Ints:
+        """Cells ``(n, 2)`` that the moves lead to."""
+        is_legal, _ = permissions(
+            RULES.constraint, pool.free[self.scenes], pool.feasible[self.scenes]
+        )  # (n, X, Y, 8)
+        i, j = self.cells.T
+        can = is_legal[np.arange(len(moves)), i, j, moves] & is_moving
+
+        here = flat_cells(self.cells, pool.shape)
+        return cells_at(next_cells(here, moves, can, pool.shape), pool.shape)
 
     def _look(self, pool: SceneSet) -> None:
-        self.seen = self.seen.look(
-            self.cells, patches_of(pool, self.scenes, self.cells, self.seen.radius)
-        )
+        patches = patches_of(pool, self.scenes, self.cells, self.seen.radius)
+        self.seen = self.seen.look(self.cells, patches)

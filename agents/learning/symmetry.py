@@ -7,9 +7,8 @@ from torch import Tensor
 
 from irs_gym.grid import MOVES
 
-SYMMETRIES = range(
-    8
-)  # bit 0: i runs the other way, bit 1: j does, bit 2: i and j are exchanged first
+# bit 0: i runs the other way, bit 1: j does, bit 2: i and j are exchanged first
+SYMMETRIES = range(8)
 
 
 def turn(maps: Tensor, symmetry: int) -> Tensor:

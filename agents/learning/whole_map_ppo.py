@@ -15,7 +15,6 @@ from torch import Tensor, nn
 from agents.learning.map_configs import WholeMapPpoConfig
 from agents.learning.optim import gradient_step, linear
 from agents.learning.ppo_loss import (
-    GOAL_BONUS,
     WayCritic,
     clipped_loss,
     generalized_advantages,
@@ -23,8 +22,10 @@ from agents.learning.ppo_loss import (
     sample_actions,
 )
 from agents.networks.map_network import maps_of
+from agents.rollout.rules import RULES
 from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.grid import MOVE_LENGTHS, MOVES, octile_distance
+from irs_gym.grid import octile_distance
+from irs_gym.mdp.dynamics import ACTIONS, transitions
 
 
 class Rollout(NamedTuple):
@@ -74,58 +75,56 @@ class WholeMapPpo:
         maps = maps_of(pool, scenes)
         rules = transition_tables_of(pool, scenes)
 
+        # One pass over the scenes says what all robots will do there, whichever cells they enter.
         with torch.no_grad():
-            log_probabilities, values = self._ask(maps, rules)
+            log_probs, values = self._ask(maps, rules)
 
         starts = self._draw_starts(pool, scenes)
-        rollout = self._roll_out(rules, starts, log_probabilities.exp().numpy(), values.numpy())
-        old_log_probs = log_probabilities[rollout.cell, rollout.action]
+        rollout = self._roll_out(rules, starts, log_probs.exp().numpy(), values.numpy())
+        old_log_probs = log_probs[rollout.cell, rollout.action]  # (T, N)
         advantages = normalized(rollout.advantages)
         rate = linear(config, progress)
 
         for _ in range(config.n_epochs):
-            log_probabilities, values = self._ask(maps, rules)
-            there = log_probabilities[rollout.cell], values[rollout.cell]
-            loss, seen = clipped_loss(
+            log_probs, values = self._ask(maps, rules)
+            loss, figures = clipped_loss(
                 config,
                 progress,
-                there[0],
+                log_probs[rollout.cell],
                 rollout.action,
                 old_log_probs,
                 advantages,
-                there[1],
+                values[rollout.cell],
                 rollout.returns,
             )
             gradient_step(self._optimizer, loss, rate, config.max_grad_norm)
 
-        return rollout.cell.size, seen
+        return rollout.cell.size, figures
 
     def _ask(self, maps: Tensor, rules: TransitionTables) -> tuple[Tensor, Tensor]:
         """Logarithms of the probabilities of moves ``(cells, 8)``, and values ``(cells,)`` in
         cells.
         """
         plan = self.network(maps)
-        log_probabilities = plan.logits.movedim(1, -1).reshape(-1, len(MOVES)).log_softmax(dim=-1)
-        return log_probabilities, self.critic.values(
-            plan.to_go.flatten(), torch.from_numpy(rules.octile)
-        )
+        logits = plan.logits.movedim(1, -1).reshape(-1, ACTIONS)  # (G * X * Y, 8)
+        values = self.critic.values(plan.to_go.flatten(), torch.from_numpy(rules.octile))
+
+        return logits.log_softmax(dim=-1), values
 
     def _draw_starts(self, pool: SceneSet, scenes: NDArray[np.int64]) -> NDArray[np.int64]:
         """A start for each step of each robot, ``(T + 1, N)``: the environment's random start,
         should it be needed.
         """
-        config = self.config
+        shape = self.config.n_steps + 1, self.config.robots
         cells = pool.shape[0] * pool.shape[1]
-        draws = []
+        drawn = []
 
         for n, scene in enumerate(scenes):
-            can_start = np.isfinite(pool.distance_to_go[scene]) & (pool.distance_to_go[scene] > 0)
-            draws.append(
-                n * cells
-                + self._rng.choice(np.flatnonzero(can_start), (config.n_steps + 1, config.robots))
-            )
+            to_go = pool.distance_to_go[scene]
+            can_start = np.flatnonzero(np.isfinite(to_go) & (to_go > 0))
+            drawn.append(n * cells + self._rng.choice(can_start, shape))
 
-        return np.concatenate(draws, axis=1)
+        return np.concatenate(drawn, axis=1)
 
     def _roll_out(
         self,
@@ -134,43 +133,43 @@ class WholeMapPpo:
         probabilities: NDArray[np.float32],
         values: NDArray[np.float32],
     ) -> Rollout:
-        cells, actions = np.empty((2, *starts[1:].shape), dtype=np.int64)
-        rewards, not_done = np.empty((2, *cells.shape), dtype=np.float32)
-        ahead = np.empty_like(cells)
+        """Moves drawn for all robots at once; who is at the goal goes on from the next start."""
+        shape = starts[1:].shape  # (T, N)
+        cells, actions, ahead = np.empty((3, *shape), dtype=np.int64)
+        rewards, not_done = np.empty((2, *shape), dtype=np.float32)
         here = starts[0]
 
-        for t, uniform in enumerate(self._rng.random(cells.shape, dtype=np.float32)):
-            cells[t] = here
+        for t, uniform in enumerate(self._rng.random(shape, dtype=np.float32)):
             action = sample_actions(probabilities[here], uniform)
-            actions[t], rewards[t] = action, rules.reward[here, action]
-            ahead[t], is_over = rules.ahead[here, action], rules.is_over[here, action]
-            not_done[t], here = ~is_over, np.where(is_over, starts[t + 1], ahead[t])
+            is_over = rules.is_over[here, action]
+
+            cells[t] = here
+            actions[t] = action
+            rewards[t] = rules.reward[here, action]
+            ahead[t] = rules.ahead[here, action]
+            not_done[t] = ~is_over
+
+            here = np.where(is_over, starts[t + 1], ahead[t])
 
         td_errors = rewards + self.config.gamma * not_done * values[ahead] - values[cells]
-        advantages = generalized_advantages(
-            td_errors, not_done, self.config.gamma * self.config.gae_lambda
-        )
+        decay = self.config.gamma * self.config.gae_lambda
+        advantages = generalized_advantages(td_errors, not_done, decay)
 
         return Rollout(cells, actions, advantages, advantages + values[cells])
 
 
 def transition_tables_of(pool: SceneSet, scenes: NDArray[np.int64]) -> TransitionTables:
-    """Moves and rewards of `irs_gym.mdp.dynamics.transition` where cells below the target are
-    refused, in cells.
-    """
-    feasible = pool.feasible[scenes]
-    columns, rows = pool.shape
-    padded = np.pad(feasible, ((0, 0), (1, 1), (1, 1)))
-    is_legal = np.stack(
-        [padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=-1
+    """The rules of the environment in scenes of a pool, with lengths in cells."""
+    goals = pool.goal[scenes]
+    rules = transitions(
+        RULES, pool.free[scenes], pool.feasible[scenes], goals, pool.cell_size, np.float32
     )
-    is_legal = is_legal.reshape(-1, len(MOVES))
-    here = np.arange(len(is_legal))[:, None]
-    ahead = np.where(is_legal, here + MOVES @ [rows, 1], here)
-    places = np.indices(pool.shape).transpose(1, 2, 0)
-    octile = octile_distance(places - pool.goal[scenes][:, None, None]).ravel().astype(np.float32)
-    goals = np.arange(len(scenes)) * columns * rows + pool.goal[scenes] @ [rows, 1]
-    is_over = is_legal & np.isin(ahead, goals)
-    reward = octile[:, None] - octile[ahead] - MOVE_LENGTHS + GOAL_BONUS * is_over
+    cells = np.indices(pool.shape).transpose(1, 2, 0)  # (X, Y, 2)
+    octile = octile_distance(cells - goals[:, None, None])  # (G, X, Y)
 
-    return TransitionTables(ahead, reward.astype(np.float32), is_over, octile)
+    return TransitionTables(
+        ahead=rules.next_cell,
+        reward=(rules.reward / pool.cell_size).astype(np.float32),
+        is_over=rules.is_terminated,
+        octile=octile.ravel().astype(np.float32),
+    )

@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from torch.nn.functional import pad, softplus
 
 from agents.networks.map_network import MapPlan
-from agents.networks.planner import plan
+from agents.networks.planner import neighbours, plan
 from agents.networks.unet import conv_block, double_conv
-from irs_gym.grid import MOVE_LENGTHS, MOVES
+from irs_gym.grid import MOVE_LENGTHS
 
 BLOCKED = 1e4
 """Cost of entering a cell known to be infeasible: more than any way through unknown cells."""
@@ -118,14 +118,7 @@ def costs_of_moves(cost: Tensor) -> Tensor:
     """Costs of the 8 moves ``(B, 8, X, Y)``: their lengths times what the cells ahead cost, ``(B,
     X, Y)``.
     """
-    columns, rows = cost.shape[1:]
-    padded = pad(cost, (1, 1, 1, 1), value=BLOCKED)
-    each = zip(MOVES.tolist(), MOVE_LENGTHS.tolist(), strict=True)
+    ahead = neighbours(pad(cost, (1, 1, 1, 1), value=BLOCKED))
+    each = zip(MOVE_LENGTHS.tolist(), ahead, strict=True)
 
-    return torch.stack(
-        [
-            length * padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj]
-            for (di, dj), length in each
-        ],
-        dim=1,
-    )
+    return torch.stack([length * cost_ahead for length, cost_ahead in each], dim=1)

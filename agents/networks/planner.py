@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 
 from agents.networks.map_network import MapPlan
 from agents.registry import Encoding
-from irs_gym.grid import MOVES
+from irs_gym.grid import MOVES, flat_cells
 from irs_gym.mdp.packing import MARGIN_SCALE_DB
 
 MARGIN_SCALES_DB = (5.0, 1.0, 0.2, 0.04, 0.008)
@@ -92,7 +92,7 @@ def plan(
     """Plan for given costs of the moves ``(B, 8, X, Y)`` and goals, bool ``(B, X, Y)``."""
     # V of each cell, (B, X, Y), and cost + V of the neighbour of each move, (B, 8, X, Y).
     to_go: Tensor = _CostToGo.apply(costs, is_goal, rounds)  # type: ignore[no-untyped-call]
-    ahead = costs + torch.stack(_neighbours(pad(to_go, (1, 1, 1, 1), value=UNREACHED)), dim=1)
+    ahead = costs + torch.stack(neighbours(pad(to_go, (1, 1, 1, 1), value=UNREACHED)), dim=1)
     worse = (ahead - ahead.amin(dim=1, keepdim=True)).clamp(max=FARTHEST)
 
     return MapPlan(-beta * worse, to_go)
@@ -111,13 +111,13 @@ class _CostToGo(torch.autograd.Function):
         by_move = costs.transpose(0, 1).contiguous()  # (8, B, X, Y)
         padded = pad(torch.where(is_goal, 0.0, UNREACHED).to(costs), (1, 1, 1, 1), value=UNREACHED)
         to_go = padded[:, 1:-1, 1:-1]  # (B, X, Y), a view
-        neighbours = _neighbours(padded)
+        views = neighbours(padded)
         most = is_goal[0].numel() if rounds is None else rounds  # a best path visits no cell twice
 
         for done in range(1, most + 1):
             before = to_go.clone() if done % _ROUNDS_PER_CHECK == 0 else None
             # In place, so that it goes as far as a round on a copy would, or farther.
-            for cost, neighbour in zip(by_move, neighbours, strict=True):
+            for cost, neighbour in zip(by_move, views, strict=True):
                 torch.minimum(to_go, cost + neighbour, out=to_go)
 
             if before is not None and torch.equal(before, to_go):
@@ -126,7 +126,7 @@ class _CostToGo(torch.autograd.Function):
         # Where the best paths lead, and where they end: for the gradient.
         if ctx.needs_input_grad[0]:
             best = torch.stack(
-                [cost + each for cost, each in zip(by_move, neighbours, strict=True)]
+                [cost + each for cost, each in zip(by_move, views, strict=True)]
             ).argmin(dim=0)
             ctx.save_for_backward(best, is_goal | (to_go >= UNREACHED))
 
@@ -136,8 +136,7 @@ class _CostToGo(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:
         best, is_end = ctx.saved_tensors
         cells = best.numel()
-        columns = best.shape[-1]
-        steps = torch.as_tensor(MOVES[:, 0] * columns + MOVES[:, 1])
+        steps = torch.from_numpy(flat_cells(MOVES, best.shape[1:]))
         ahead = torch.where(is_end, cells, torch.arange(cells).view_as(best) + steps[best])
         ahead = torch.cat([ahead.flatten(), torch.tensor([cells])])  # paths end in an extra cell
         through = torch.cat([gradient.flatten(), gradient.new_zeros(1)])
@@ -160,8 +159,10 @@ class _CostToGo(torch.autograd.Function):
         return costs, None, None
 
 
-def _neighbours(padded: Tensor) -> list[Tensor]:
-    """Views of maps ``(B, X + 2, Y + 2)``: for each move, the values where it leads, ``(B, X, Y)``."""
+def neighbours(padded: Tensor) -> list[Tensor]:
+    """Views of maps with a border of one cell, ``(B, X + 2, Y + 2)``: for each move, the values
+    where it leads, ``(B, X, Y)``. As `irs_gym.grid.neighbours`, without a copy.
+    """
     columns = padded.shape[1] - 2
     rows = padded.shape[2] - 2
     return [

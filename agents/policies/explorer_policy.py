@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from agents.networks.map_network import pack_network
 from agents.policies.belief_map import BeliefMap
+from irs_gym.grid import cells_at
 from irs_gym.mdp.packing import SETTINGS, DecodedObservation, Packing
 
 Ints = NDArray[np.int64]
@@ -74,7 +75,7 @@ class Explorer:
             )
 
         # A plan holds until something new comes into view.
-        seen = old.seen.look(np.stack(np.divmod(at, self.shape[1]), axis=-1), patches)
+        seen = old.seen.look(cells_at(at, self.shape), patches)
         is_new = np.isnan(old.seen.maps).sum(axis=(1, 2)) != np.isnan(seen.maps).sum(axis=(1, 2))
         changed = np.flatnonzero(is_new | (to != old.goals))
         moves = old.moves.copy()

@@ -10,10 +10,9 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies.observation_decoding import ahead
 from agents.policies.policy import Policy
 from agents.policies.replanning import Replanner
-from irs_gym.grid import MOVE_LENGTHS, Cell, legal_moves, octile_distance
+from irs_gym.grid import MOVE_LENGTHS, Cell, legal_moves, neighbours, octile_distance
 from irs_gym.mdp.dynamics import action_mask, tabulate
 from irs_gym.mdp.packing import Packing
 from irs_gym.mdp.task import World
@@ -73,8 +72,8 @@ class CellPolicy:
             if len(self._choices) >= _KEPT:
                 self._choices.clear()
 
-            i, j = divmod(goal, world.radio_map.grid.shape[1])
-            self._choices[world, goal] = self.rule(world, (i, j)).reshape(-1, 8)
+            cell = world.radio_map.grid.cell_at(goal)
+            self._choices[world, goal] = self.rule(world, cell).reshape(-1, 8)
 
         return self._choices[world, goal]
 
@@ -154,17 +153,18 @@ def _cheapest(world: World, to_go: Floats) -> Bools:
     one.
     """
     return _only(
-        -(MOVE_LENGTHS * world.radio_map.grid.cell_size + ahead(to_go)), legal_moves(world.feasible)
+        -(MOVE_LENGTHS * world.radio_map.grid.cell_size + neighbours(to_go, np.inf)),
+        legal_moves(world.feasible),
     )
 
 
 def _greatest_gain(world: World, goal: Cell) -> Bools:
     is_feasible = legal_moves(world.feasible)
     octile = _octile(world, goal)
-    is_nearer = is_feasible & (ahead(octile) < octile[..., None] - 1e-9)
+    is_nearer = is_feasible & (neighbours(octile, np.inf) < octile[..., None] - 1e-9)
     is_open = np.where(is_nearer.any(axis=-1, keepdims=True), is_nearer, is_feasible)
 
-    return _only(ahead(world.radio_map.gain_db), is_open)
+    return _only(neighbours(world.radio_map.gain_db, np.inf), is_open)
 
 
 def _only(value: Floats, is_open: Bools) -> Bools:

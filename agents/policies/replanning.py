@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies.observation_decoding import ahead
-from irs_gym.grid import MOVE_LENGTHS, MOVES, legal_moves
+from irs_gym.grid import MOVE_LENGTHS, MOVES, cells_at, legal_moves, neighbours
 from irs_gym.mdp.packing import Packing
 from irs_gym.oracle.shortest_path import distance_to_go
 
@@ -78,7 +77,7 @@ class Replanner:
     ) -> ReplannerState:
         """What the robot knows now, with a new plan where that differs from what it hoped for."""
         is_open = np.ones(self.shape, dtype=bool) if old is None else old.is_open.copy()
-        i, j = divmod(robot, self.shape[1])
+        i, j = cells_at(np.array(robot), self.shape).tolist()
         if self.radius is None:
             is_open &= view
         else:
@@ -97,11 +96,11 @@ class Replanner:
 
     def _plan(self, is_open: Bools, goal: int) -> Ints:
         """First moves of the shortest paths over open cells, shape ``(X * Y,)``."""
-        i, j = divmod(goal, self.shape[1])
+        i, j = cells_at(np.array(goal), self.shape).tolist()
         to_go = distance_to_go(is_open, (i, j), 1.0)
 
         # Of each move from each cell, (X, Y, 8).
-        length = np.where(legal_moves(is_open), MOVE_LENGTHS + ahead(to_go), np.inf)
+        length = np.where(legal_moves(is_open), MOVE_LENGTHS + neighbours(to_go, np.inf), np.inf)
 
         return np.asarray(length.argmin(axis=-1).ravel())
 

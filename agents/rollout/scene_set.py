@@ -11,12 +11,16 @@ from agents.networks.map_network import plan_scene_set
 from agents.policies.explorer_policy import Explorer
 from agents.policies.map_policy import MapPolicy
 from agents.policies.policy import Policy
+from agents.rollout.rules import RULES
 from irs_gym.datasets.random_task import RandomTask, build_worlds
 from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.grid import MOVES
+from irs_gym.grid import MOVE_LENGTHS, flat_cells
+from irs_gym.mdp.dynamics import next_cells, permissions
 from irs_gym.mdp.metrics import distance_ratio, spl
 from irs_gym.mdp.task import Observation
 from irs_gym.vector.many_scenes import build_many_scenes
+
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,28 +102,28 @@ def roll_out_scene_set(
     policy: Policy, pool: SceneSet, observation: Observation, max_steps: int
 ) -> SceneSetResults:
     """Episodes of any policy step by step, one in each scene of a pool; see `play_scene_set`."""
-    ground = build_many_scenes(build_worlds(RandomTask(scenes=pool, observation=observation)))
+    model = build_many_scenes(build_worlds(RandomTask(scenes=pool, observation=observation)))
     scenes = np.arange(len(pool))
-    packing = ground.packing
-    states = ground.states_of(scenes, pool.start, pool.goal)
+    states = model.code.encode(scenes, pool.start, pool.goal)
     distance = np.zeros(len(pool))
-    memory = None
     is_over = np.zeros(len(pool), dtype=bool)
-    first = np.ones(len(pool), dtype=bool)
+    is_first = np.ones(len(pool), dtype=bool)
+    memory = None
 
     for _ in range(max_steps):
         # Those who have arrived are asked no more, unless the policy's memory has a place for each.
         asked = scenes if memory is not None else np.flatnonzero(~is_over)
-        parts = ground.observe(states[asked])
-        actions, memory = policy.predict(
-            packing.unpack(parts), memory, first[asked], deterministic=True
-        )
-        first[:] = False
-        moving = ~is_over[asked]
-        outcome = ground.move(states[asked[moving]], np.asarray(actions)[moving])
-        states[asked[moving]] = outcome.states
-        distance[asked[moving]] += outcome.moved
-        is_over[asked[moving]] = outcome.is_terminated
+        seen = model.packing.unpack(model.observe(states[asked]))
+        actions, memory = policy.predict(seen, memory, is_first[asked], deterministic=True)
+        is_first[:] = False
+
+        is_moving = ~is_over[asked]
+        robots = asked[is_moving]
+        outcome = model.move(states[robots], np.asarray(actions)[is_moving])
+
+        states[robots] = outcome.states
+        distance[robots] += outcome.moved
+        is_over[robots] = outcome.is_terminated
         if is_over.all():
             break
 
@@ -129,7 +133,7 @@ def roll_out_scene_set(
 def follow(
     logits: NDArray[np.float32], pool: SceneSet, max_steps: int | None = None
 ) -> SceneSetResults:
-    """Follow the likeliest moves in each scene of a pool, refused into cells that are not feasible.
+    """Follow the likeliest moves in each scene of a pool, by the rules of the environment.
 
     Parameters
     ----------
@@ -140,38 +144,34 @@ def follow(
     max_steps
         Steps after which an episode ends; those of `most_steps` by default.
     """
-    ahead, kind = _successors(logits.argmax(axis=1), pool.feasible)
-    columns = pool.shape[1]
+    ahead, kind = _successors(logits.argmax(axis=1), pool)
     scenes = np.arange(len(pool))
-    cells = pool.start @ [columns, 1]
-    goals = pool.goal @ [columns, 1]
+    cells = flat_cells(pool.start, pool.shape)  # (S,)
+    goals = flat_cells(pool.goal, pool.shape)
     steps = np.zeros((len(pool), 3), dtype=np.int64)  # refused, straight, diagonal
 
     for _ in range(most_steps(pool) if max_steps is None else max_steps):
-        scenes = scenes[cells[scenes] != goals[scenes]]
+        scenes = scenes[cells[scenes] != goals[scenes]]  # who has arrived moves no more
         steps[scenes, kind[scenes, cells[scenes]]] += 1
         cells[scenes] = ahead[scenes, cells[scenes]]
 
+    # Counted, not summed up, so that an optimal path is as long as the oracle's.
     distance = (steps[:, 1] + steps[:, 2] * np.sqrt(2.0)) * pool.cell_size
 
     return SceneSetResults(cells == goals, distance, pool.oracle_distance)
 
 
-def _successors(
-    moves: NDArray[np.int64], feasible: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _successors(moves: Ints, pool: SceneSet) -> tuple[Ints, Ints]:
     """Flat cell that a move in each cell leads to, and 0 for a refused, 1 for a straight, 2 for a
     diagonal move.
 
-    Both arguments have the shape ``(S, X, Y)``, both results ``(S, X * Y)``.
+    ``moves`` has the shape ``(S, X, Y)``, both results ``(S, X * Y)``.
     """
-    scenes, columns, rows = feasible.shape
-    di, dj = MOVES[moves.reshape(scenes, -1)].transpose(2, 0, 1)
-    i, j = np.divmod(np.arange(columns * rows), rows)
-    padded = np.pad(feasible, ((0, 0), (1, 1), (1, 1)))
-    is_legal = padded[np.arange(scenes)[:, None], i + di + 1, j + dj + 1]
-    here = np.arange(columns * rows)
+    is_legal, _ = permissions(RULES.constraint, pool.free, pool.feasible)  # (S, X, Y, 8)
+    can = np.take_along_axis(is_legal, moves[..., None], axis=-1).reshape(len(pool), -1)
+    moves = moves.reshape(len(pool), -1)
 
-    return np.where(is_legal, here + di * rows + dj, here), np.where(
-        is_legal, np.abs(di) + np.abs(dj), 0
-    )
+    ahead = next_cells(np.arange(moves.shape[1]), moves, can, pool.shape)
+    kind = np.where(can, 1 + (MOVE_LENGTHS[moves] > 1.0), 0)
+
+    return ahead, kind

@@ -113,7 +113,7 @@ def _cells(env: gymnasium.Env[Any, Any]) -> Iterator[Cell]:
     """All cells but the goal that are joined to it, in random order, again and again."""
     world = env.unwrapped.world  # type: ignore[attr-defined]
     starts = np.random.default_rng(0).permutation(tabulate(world, world.goal).starts)
-    return cycle([divmod(each, world.feasible.shape[1]) for each in starts.tolist()])
+    return cycle([world.radio_map.grid.cell_at(each) for each in starts.tolist()])
 
 
 def _ends(cells: Iterator[Cell], goal: Cell) -> dict[str, Cell]:

@@ -59,7 +59,7 @@ class ReturnVariance:
 def return_variances(world: World, gammas: Sequence[float]) -> list[ReturnVariance]:
     """The outlook from a world's start to its goal under each discount."""
     moves = transition(world, world.goal)
-    start = int(np.ravel_multi_index(world.start, world.feasible.shape))
+    start = world.radio_map.grid.flat(world.start)
     shortest = float(tabulate(world, world.goal).distance_to_go[world.start])
     found = []
 
@@ -88,7 +88,7 @@ def best_ratios(world: World, gamma: float) -> Floats:
     to_go = tabulate(world, world.goal).distance_to_go.ravel()
     is_start = np.isfinite(to_go) & (to_go > 0)
 
-    start = int(np.ravel_multi_index(world.start, world.feasible.shape))
+    start = world.radio_map.grid.flat(world.start)
     best = action_values(moves, optimal_values(moves, gamma, start), gamma)
     choice = (best >= best.max(axis=1, keepdims=True) - _TIE).argmax(axis=1)
     every = np.arange(len(best))
@@ -97,7 +97,7 @@ def best_ratios(world: World, gamma: float) -> Floats:
 
     # All robots at once; who has not arrived after as many moves as there are cells goes in a
     # circle.
-    goal = int(np.ravel_multi_index(world.goal, world.feasible.shape))
+    goal = world.radio_map.grid.flat(world.goal)
     at = every.copy()
     length = np.zeros(len(best))
 

@@ -37,7 +37,7 @@ class Episode:
         self.observer = build_observer(world, goal)
         self.is_running = True
         self._unwanted = [key for key in KEYS if key not in keys]  # of the infos
-        self._cell = int(np.ravel_multi_index(start, world.radio_map.grid.shape))
+        self._cell = world.radio_map.grid.flat(start)
         self._cells = [self._cell]  # flat indices
         self._oracle_distance = float(self.tables.distance_to_go[start])
         self._distance = 0.0
@@ -66,9 +66,7 @@ class Episode:
     def optimal_actions(self, cell: Any = None) -> NDArray[np.int64]:
         """See `irs_gym.envs.nav.IrsNavEnv.optimal_actions`."""
         i, j = (
-            divmod(self._cell, self.world.feasible.shape[1])
-            if cell is None
-            else as_cell(cell, "cell")
+            self.world.radio_map.grid.cell_at(self._cell) if cell is None else as_cell(cell, "cell")
         )
         flat_cell(self.world.feasible, (i, j), "cell")
         is_optimal = optimal_moves(
@@ -178,15 +176,13 @@ def resume(
             "state is of another task: its map or its rules differ from those of this environment"
         )
 
-    shape = world.feasible.shape
+    grid = world.radio_map.grid
     if not (snapshot.cell < world.feasible.size and world.radio_map.free.flat[snapshot.cell]):
         raise ValueError("state tells a cell that a robot cannot be in")
 
-    episode = Episode(
-        world, divmod(snapshot.start, shape[1]), divmod(snapshot.goal, shape[1]), keys
-    )
+    episode = Episode(world, grid.cell_at(snapshot.start), grid.cell_at(snapshot.goal), keys)
     episode._cell = snapshot.cell
-    episode._cells = [i * shape[1] + j for i, j in path] or [snapshot.cell]
+    episode._cells = [grid.flat(cell) for cell in path] or [snapshot.cell]
     episode._distance = snapshot.distance
     episode._refused = snapshot.refused
     episode._has_violated = snapshot.has_violated

@@ -18,7 +18,7 @@ from irs_gym.datasets.random_task import (
     random_task_of,
 )
 from irs_gym.envs.random_nav import IrsNavRandomEnv
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, cells_at
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
 from irs_gym.mdp.checks import (
     METADATA,
@@ -172,7 +172,7 @@ def make_vector_env(render_mode: str | None = None, **arguments: Any) -> VectorE
 
 def _scene_number(step: Step) -> NDArray[np.int64]:
     scenes: ManyScenes = step.transition_model  # type: ignore[assignment]
-    return scenes.scenes(step.states)
+    return scenes.code.scenes(step.states)
 
 
 def _scene_id(step: Step) -> NDArray[np.object_]:
@@ -220,12 +220,12 @@ class _EpisodeSampler:
             starts, goals = self._own_ends(numbers, rngs)
 
         states = states.copy()
-        states[chosen] = self.transition_model.states_of(np.array(numbers), starts, goals)
+        states[chosen] = self.transition_model.code.encode(np.array(numbers), starts, goals)
 
         return states
 
     def scene_number(self, states: States, i: int) -> int:
-        return int(self.transition_model.scenes(states[[i]])[0])
+        return int(self.transition_model.code.scenes(states[[i]])[0])
 
     def scene_and_goal(self, states: States, i: int) -> tuple[World, Cell]:
         return self.transition_model.scene_and_goal(states, i)
@@ -261,6 +261,6 @@ class _EpisodeSampler:
         for n, rng in enumerate(rngs if rules.random_start else ()):
             if draws_start(rules, rng):
                 cells = start_cells(pool.distance_to_go[numbers[n]], tuple(goals[n].tolist()))
-                starts[n] = divmod(draw_start(cells, rng), pool.shape[1])
+                starts[n] = cells_at(np.array(draw_start(cells, rng)), pool.shape)
 
         return starts, goals

@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from irs_gym.envs.nav import IrsNavEnv
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, flat_cells
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
 from irs_gym.mdp.checks import (
     METADATA,
@@ -238,14 +238,14 @@ class _EpisodeSampler:
         each.
         """
         own = start or self.world.start
-        columns = self.world.feasible.shape[1]
-        fixed = own[0] * columns + own[1]
+        grid = self.world.radio_map.grid
+        fixed = grid.flat(own)
         if start is not None or not self.is_random:
             tables_for(self.world, own, goal)
             return np.full(len(chosen), fixed)
 
         starts = [choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]
-        cells = np.array(starts) @ [columns, 1]  # (n,) flat
+        cells = flat_cells(np.array(starts), grid.shape)  # (n,)
         if fixed in cells:  # the others are drawn among those that reach the goal
             tables_for(self.world, own, goal)
 

@@ -1,5 +1,5 @@
-"""The rules of motion: pure, batched functions over cells and actions, and `Tables` that hold all
-their values.
+"""The rules of motion: pure functions over cells and actions of one map or of many, which all
+environments and learners call, and `Tables` that hold all their values for one.
 """
 
 from dataclasses import dataclass
@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, legal_moves, octile_distance
+from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, flat_cells, legal_moves, octile_distance
 from irs_gym.mdp.task import Constraint, Rules, World
 from irs_gym.memory import freeze
 from irs_gym.oracle.shortest_path import distance_to_go, infeasible
 
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 ACTIONS = len(MOVES)
 
@@ -22,7 +23,7 @@ ACTIONS = len(MOVES)
 class Transition(NamedTuple):
     """What actions do in cells: arrays of one shape, or of one value each."""
 
-    next_cell: Any  # flat index
+    next_cell: Any  # flat
     reward: Any  # metres
     moved: Any  # metres really travelled
     is_refused: Any
@@ -31,7 +32,7 @@ class Transition(NamedTuple):
     is_at_goal: Any
 
 
-def potential(rules: Rules, offsets: NDArray[np.int64], cell_size: float) -> NDArray[np.float64]:
+def potential(rules: Rules, offsets: Ints, cell_size: float) -> NDArray[np.float64]:
     """Shaping potential in metres, shape ``(...)``: minus the octile distance to the goal, zero
     without shaping.
 
@@ -48,11 +49,28 @@ def reward(
 
 
 def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[Bools, Bools]:
-    """Which actions are not refused, and which miss the target: both of shape ``(X, Y, 8)``.
+    """Which actions are not refused, and which miss the target: both of shape ``(..., X, Y, 8)``.
 
     A move into a wall, an obstacle or (unless allowed) a cell below the target is refused. Under
     ``"terminate"``, an attempt to enter a cell below the target misses it, under ``"allow"``
     whatever leads to one or stays in one.
+
+    Parameters
+    ----------
+    constraint
+        What happens at a cell below the target.
+    free, feasible
+        Cells without an obstacle, and those of them at or above the target, shape ``(..., X, Y)``:
+        of one map, or of many.
+
+    Examples
+    --------
+    >>> from irs_gym.grid import MOVE_NAMES
+    >>> free = np.array([[True, True, True]])
+    >>> feasible = np.array([[True, True, False]])
+    >>> is_legal, _ = permissions("refuse", free, feasible)
+    >>> [MOVE_NAMES[n] for n in np.flatnonzero(is_legal[0, 1])]  # (0, 2) lies below the target
+    ['S']
     """
     keeps_target = legal_moves(feasible)
     if constraint == "refuse":
@@ -65,27 +83,78 @@ def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[B
     return is_open, np.where(is_open, ~keeps_target, ~feasible[..., None])
 
 
+def next_cells(cells: Ints, actions: Ints, is_legal: Bools, shape: tuple[int, int]) -> Ints:
+    """Flat cells that actions lead to from flat cells: of a refused action, the same cell.
+
+    The arguments have one shape, or are broadcast to one; ``shape`` is that of a map. Cells may be
+    counted through many maps one behind the other.
+    """
+    return np.where(is_legal, cells + flat_cells(MOVES, shape)[actions], cells)
+
+
 def ends(rules: Rules, is_at_goal: Any, is_violation: Any) -> Any:
-    """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is missed."""
+    """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is
+    missed.
+    """
     return is_at_goal | is_violation if rules.constraint == "terminate" else is_at_goal
 
 
 def transition(world: World, goal: Cell) -> Transition:
-    """The transition of every cell and action, arrays of shape ``(X * Y, 8)``.
+    """The transition of every cell and action, arrays of shape ``(X * Y, 8)``."""
+    return transitions(
+        world.rules,
+        world.radio_map.free[None],
+        world.feasible[None],
+        np.array([goal]),
+        world.radio_map.grid.cell_size,
+    )
+
+
+def transitions(
+    rules: Rules,
+    free: Bools,
+    feasible: Bools,
+    goals: Ints,
+    cell_size: float,
+    precision: type[np.floating[Any]] = np.float64,
+) -> Transition:
+    """The transition of every cell and action of S maps, arrays of shape ``(S * X * Y, 8)``.
 
     A refused move leaves the robot where it is and costs the move all the same.
+
+    Parameters
+    ----------
+    rules
+        Those that the maps have in common.
+    free, feasible
+        Cells without an obstacle, and those of them at or above the target, shape ``(S, X, Y)``.
+    goals
+        Cells (i, j), shape ``(S, 2)``.
+    cell_size
+        Edge of a cell in metres.
+    precision
+        That of the shaping potential.
+
+    Returns
+    -------
+    Flat cells are counted through all maps, one behind the other.
     """
-    rules = world.rules
-    grid = world.radio_map.grid
-    cells = np.arange(world.feasible.size)[:, None]
+    maps, *shape = free.shape
+    columns, rows = shape
+    cells = np.arange(free.size)[:, None]
     is_legal, is_violation = (
-        each.reshape(-1, ACTIONS)
-        for each in permissions(rules.constraint, world.radio_map.free, world.feasible)
-    )
-    next_cell = np.where(is_legal, cells + MOVES @ np.array([grid.shape[1], 1]), cells)
-    length = np.broadcast_to(MOVE_LENGTHS * grid.cell_size, is_legal.shape)
-    is_at_goal = is_legal & (next_cell == np.ravel_multi_index(goal, grid.shape))
-    phi = potential(rules, _cells(grid.shape) - np.array(goal), grid.cell_size)
+        each.reshape(-1, ACTIONS) for each in permissions(rules.constraint, free, feasible)
+    )  # (S * X * Y, 8)
+    next_cell = next_cells(cells, np.arange(ACTIONS), is_legal, (columns, rows))
+
+    # A legal move never leaves its map, so that it can only arrive at that map's own goal.
+    goal_cells = np.arange(maps) * (columns * rows) + flat_cells(goals, (columns, rows))  # (S,)
+    is_there = next_cell.reshape(maps, -1) == goal_cells[:, None]
+    is_at_goal = is_legal & is_there.reshape(-1, ACTIONS)
+
+    offsets = _cells((columns, rows)) - goals[:, None]  # (S, X * Y, 2)
+    phi = potential(rules, offsets, cell_size).astype(precision).ravel()
+    length = np.broadcast_to(MOVE_LENGTHS * cell_size, is_legal.shape)
 
     return Transition(
         next_cell=next_cell,
@@ -103,7 +172,7 @@ def transition_table(world: World, goal: Cell) -> Transition:
     nothing, and ends it.
     """
     table = transition(world, goal)
-    here = int(np.ravel_multi_index(goal, world.feasible.shape))
+    here = world.radio_map.grid.flat(goal)
     over = Transition(here, 0.0, 0.0, False, 0.0, True, True)
 
     for column, value in zip(table, over, strict=True):
@@ -112,7 +181,7 @@ def transition_table(world: World, goal: Cell) -> Transition:
     return table
 
 
-def _cells(shape: tuple[int, int]) -> NDArray[np.int64]:
+def _cells(shape: tuple[int, int]) -> Ints:
     """All cells (i, j), shape ``(X * Y, 2)``."""
     return np.indices(shape).transpose(1, 2, 0).reshape(-1, 2)
 
@@ -123,7 +192,7 @@ def action_mask(world: World) -> NDArray[np.int8]:
     return is_legal.reshape(-1, ACTIONS).astype(np.int8)
 
 
-def start_cells(to_go: NDArray[np.float64], goal: Cell) -> NDArray[np.int64]:
+def start_cells(to_go: NDArray[np.float64], goal: Cell) -> Ints:
     """Cells, as flat indices, that a random start is drawn from: the goal can be reached, and is
     not yet.
     """
@@ -144,7 +213,7 @@ class Tables:
     cell: NDArray[np.void]  # (X * Y,), records of distance_to_go in metres, gain_db and margin_db
     action_mask: NDArray[np.int8]  # (X * Y, 8)
     distance_to_go: NDArray[np.float64]  # (X, Y), metres
-    starts: NDArray[np.int64]  # flat indices
+    starts: Ints  # flat indices
 
     def __post_init__(self) -> None:
         freeze(self.transition, self.cell, self.action_mask, self.distance_to_go, self.starts)
@@ -205,9 +274,7 @@ def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
             f"goal={goal} cannot be reached from any other cell at target_db={world.target_db}"
         )
 
-    i, j = divmod(draw_start(starts, rng), world.feasible.shape[1])
-
-    return i, j
+    return world.radio_map.grid.cell_at(draw_start(starts, rng))
 
 
 def draws_start(rules: Rules, rng: np.random.Generator) -> bool:
@@ -216,7 +283,7 @@ def draws_start(rules: Rules, rng: np.random.Generator) -> bool:
     return bool(probability and (probability == 1 or rng.random() < probability))
 
 
-def draw_start(starts: NDArray[np.int64], rng: np.random.Generator) -> int:
+def draw_start(starts: Ints, rng: np.random.Generator) -> int:
     """One of the flat cells, all equally likely."""
     return int(starts[rng.integers(len(starts))])
 
@@ -267,7 +334,7 @@ def check_task(world: World) -> None:
     )
 
 
-def check_bonus(rules: Rules, distance: float, offset: NDArray[np.int64], cell_size: float) -> None:
+def check_bonus(rules: Rules, distance: float, offset: Ints, cell_size: float) -> None:
     """Refuse a goal's bonus with which giving up would pay.
 
     Parameters
@@ -285,6 +352,7 @@ def check_bonus(rules: Rules, distance: float, offset: NDArray[np.int64], cell_s
     detour = distance + float(potential(rules, offset, cell_size))
     if rules.constraint == "terminate" and detour >= rules.goal_bonus:
         raise ValueError(
-            f"goal_bonus={rules.goal_bonus} is too small for constraint='terminate': to end the episode by a violation "
-            f"would pay more than the detour of {detour:.3f} m, so a bonus above that is needed"
+            f"goal_bonus={rules.goal_bonus} is too small for constraint='terminate': to end the "
+            f"episode by a violation would pay more than the detour of {detour:.3f} m, so a bonus "
+            "above that is needed"
         )

@@ -108,8 +108,6 @@ def build_observer(world: World, goal: Cell) -> Observer:
 def _flat_rows(world: World, goal: Cell, packing: Packing) -> RowWriter:
     """Patch, IRS and position, and the action mask behind them where it is asked for."""
     side = packing.side
-    columns = packing.shape[1]
-
     # What lies off the map is blocked, as an obstacle is.
     margin = scaled_margin(world.radio_map.gain_db, world.target_db)  # (X, Y)
     padded = np.pad(margin, side // 2, constant_values=-1.0)  # (X + 2r, Y + 2r)
@@ -121,7 +119,7 @@ def _flat_rows(world: World, goal: Cell, packing: Packing) -> RowWriter:
     mask = action_mask(world) if packing.observation == "masked" else None  # (X * Y, 8)
 
     def rows(at: Ints, out: Rows) -> Rows:
-        i, j = np.divmod(at, columns)
+        i, j = cells[at].T
         packing.encode(
             packing.split(out),
             patch=windows[i, j].reshape(len(at), side**2),

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, cells_at
 
 
 class PathHistory:
@@ -79,5 +79,5 @@ def cells_of(flat: NDArray[np.integer], shape: tuple[int, int]) -> list[Cell]:
     [(0, 0), (1, 0), (1, 1)]
     """
     moved = flat[np.append(True, flat[1:] != flat[:-1])]
-    i, j = np.divmod(moved, shape[1])
+    i, j = cells_at(moved, shape).T
     return list(zip((i % shape[0]).tolist(), j.tolist(), strict=True))

@@ -19,9 +19,12 @@ from irs_gym.grid import (
     MOVES,
     Cell,
     as_cell,
+    cells_at,
     checked_cell_size,
     checked_map,
+    flat_cells,
     legal_moves,
+    neighbours,
 )
 from irs_gym.memory import freeze
 
@@ -46,10 +49,9 @@ class Path:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> path = Path(distance=1.0, cells=np.array([[0, 0], [1, 0], [2, 0]]))
-    >>> len(path.cells), path.distance
-    (3, 1.0)
+    >>> path = shortest_path(np.ones((3, 2), dtype=bool), (0, 0), (2, 0), cell_size=0.5)
+    >>> path.distance, path.cells.tolist()
+    (1.0, [[0, 0], [1, 0], [2, 0]])
     """
 
     distance: float
@@ -95,14 +97,10 @@ def shortest_path(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> feasible = np.ones((3, 3), dtype=bool)
-    >>> feasible[1, :2] = False  # a wall with a gap at its upper end
-    >>> path = shortest_path(feasible, (0, 0), (2, 0), cell_size=0.5)
-    >>> path.cells.tolist()
-    [[0, 0], [0, 1], [1, 2], [2, 1], [2, 0]]
-    >>> round(path.distance, 3)
-    2.414
+    >>> feasible = np.ones((3, 2), dtype=bool)
+    >>> feasible[1, 0] = False
+    >>> shortest_path(feasible, (0, 0), (2, 0), cell_size=0.5).cells.tolist()
+    [[0, 0], [1, 1], [2, 0]]
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -123,7 +121,7 @@ def shortest_path(
     while flat[-1] != source:
         flat.append(int(before[flat[-1]]))
 
-    cells = np.stack(np.unravel_index(flat[::-1], feasible.shape), axis=-1).astype(np.int64)
+    cells = cells_at(np.array(flat[::-1], dtype=np.int64), feasible.shape)
 
     return Path(path_length(cells, cell_size), cells)
 
@@ -138,9 +136,8 @@ def distance_to_go(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> distance_to_go(np.ones((2, 3), dtype=bool), (0, 0), cell_size=0.5).round(3).tolist()
-    [[0.0, 0.5, 1.0], [0.5, 0.707, 1.207]]
+    >>> distance_to_go(np.ones((3, 2), dtype=bool), goal=(2, 0), cell_size=0.5).round(3).tolist()
+    [[1.0, 1.207], [0.5, 0.707], [0.0, 0.5]]
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -198,11 +195,7 @@ def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np
     Metres, shape ``(S, 8, X, Y)``; +inf for moves into and from cells from which the goal cannot be
     reached.
     """
-    columns, rows = to_go.shape[1:]
-    padded = np.pad(to_go, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    ahead = np.stack(
-        [padded[:, 1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj] for di, dj in MOVES], axis=1
-    )
+    ahead = neighbours(to_go, np.inf, axis=1)
     length = MOVE_LENGTHS[:, None, None] * cell_size
 
     return ahead + length - np.where(np.isfinite(to_go), to_go, -np.inf)[:, None]
@@ -242,10 +235,8 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
 
     Examples
     --------
-    >>> import numpy as np
-    >>> gain_db = np.array([[-60.0, -70.0, -60.0], [-62.0, -64.0, -61.0]])
-    >>> highest_feasible_target(gain_db, (0, 0), (0, 2))  # over the second row
-    -64.0
+    >>> highest_feasible_target(np.array([[-60.0], [-65.0], [-62.0]]), (0, 0), (2, 0))
+    -65.0
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     start = as_cell(start, "start")
@@ -310,8 +301,7 @@ def flat_cell(array: NDArray[np.generic], cell: Cell, name: str) -> int:
     if not (0 <= cell[0] < array.shape[0] and 0 <= cell[1] < array.shape[1]):
         raise ValueError(f"{name}={tuple(cell)} lies off the map of {array.shape} cells")
 
-    columns: int = array.shape[1]
-    return int(cell[0]) * columns + int(cell[1])
+    return int(flat_cells(np.array(cell), array.shape[:2]))
 
 
 def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
@@ -337,7 +327,7 @@ def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
 
     # the legal moves in order, cell after cell, and where each leads
     cells, moves = np.divmod(np.flatnonzero(legal).astype(index), len(MOVES))
-    cells += (MOVES @ np.array([free.shape[1], 1])).astype(index)[moves]
+    cells += flat_cells(MOVES, free.shape).astype(index)[moves]
 
     return rows, cells, moves
 

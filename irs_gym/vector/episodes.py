@@ -178,9 +178,7 @@ class VectorEpisodes:
             goal = world.goal
             path = [world.start]
 
-        # flat cells
-        ends = np.array([path[0], path[-1], goal])  # (3, 2)
-        start, cell, end = np.ravel_multi_index(ends.T, world.feasible.shape).tolist()
+        start, cell, end = map(world.radio_map.grid.flat, (path[0], path[-1], goal))
         snapshot = Snapshot(
             rules=world.fingerprint,
             scene=self._sampler.scene_number(self._states, i),

@@ -300,7 +300,7 @@ def test_rewards_of_an_episode_are_the_environments():
     """In units of a cell: minus the length of the move, plus progress, plus the bonus at the goal."""
     teacher = ppo()
     env = env_of(POOL, observation="flat", patch_radius=2)
-    teacher._expedition = robots = RobotBatch(teacher.config.terms, POOL, np.random.default_rng(1))
+    teacher._robots = robots = RobotBatch(teacher.config.terms, POOL, np.random.default_rng(1))
     compared = 0
     for _ in range(15):
         scenes, fresh = robots.scenes.copy(), robots.steps == 0

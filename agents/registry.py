@@ -1,61 +1,228 @@
-"""The algorithms by their names, and the classes behind them: `model_class`, `settings_class`,
-`read_network`.
+"""`ALGORITHMS`: a row for each algorithm, from which command lines, titles, defaults and loaders
+derive.
+
+A row names classes by strings, "module:Class", which `config_class`, `learner_class` and
+`network_class` import on demand: so the registry imports nothing, and everything may import it.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
-NetworkName = Literal["planner", "unet", "vin", "explorer"]
 Encoding = Literal["mask", "margin"]
+Track = Literal["scene", "map", "local"]
 
-Algorithm = Literal["ppo", "maskable_ppo", "dqn", "qr_dqn", "q_learning"]
-ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
-MapGeneralist = Literal[
-    "planner", "planner_ppo", "unet", "unet_ppo", "vin", "map_ppo"
-]  # see the whole map
-LocalGeneralist = Literal[
-    "explorer", "explorer_ppo", "local_ppo", "recurrent_ppo"
-]  # see the patch around the robot
-Generalist = Literal[MapGeneralist, LocalGeneralist]  # learn on many scenes
-Trainable = Literal[Algorithm, Generalist]
-LOCAL: tuple[LocalGeneralist, ...] = get_args(LocalGeneralist)
-GENERALISTS: tuple[Generalist, ...] = (*get_args(MapGeneralist), *LOCAL)
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """An algorithm.
 
-MODEL_CLASSES: dict[Algorithm | Generalist, tuple[str, str]] = {
-    "ppo": ("stable_baselines3", "PPO"),
-    "maskable_ppo": ("sb3_contrib", "MaskablePPO"),
-    "dqn": ("stable_baselines3", "DQN"),
-    "qr_dqn": ("sb3_contrib", "QRDQN"),
-    "q_learning": ("agents.single.q_learning", "QLearning"),
-    "map_ppo": ("stable_baselines3", "PPO"),
-    "local_ppo": ("stable_baselines3", "PPO"),
-    "recurrent_ppo": ("sb3_contrib", "RecurrentPPO"),
+    Attributes
+    ----------
+    title
+        Its name on pages.
+    track
+        What it learns on: one ``"scene"``, or many, of which its policies see the whole ``"map"``
+        or the ``"local"`` patch around the robot.
+    config
+        The frozen dataclass of its settings, with a default for each, and with its name as
+        ``algorithm``.
+    learner
+        What learns. A class of Stable-Baselines3 or sb3-contrib; for one scene, also a class with
+        the methods of `agents.single.q_learning.QLearning`; for many scenes, also an
+        `agents.learning.map_learner.Teacher`, made of settings, network and random numbers.
+    network
+        What a teacher improves, a network over maps or an explorer's; with Stable-Baselines3, what
+        reads observations in front of the policy, if not its own.
+    env, training
+        What its runs change in the defaults of their environment, and of their other settings.
+    """
+
+    title: str
+    track: Track
+    config: str
+    learner: str
+    network: str | None = None
+    env: Mapping[str, Any] = field(default_factory=dict)
+    training: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_sb3(self) -> bool:
+        """Whether Stable-Baselines3 or sb3-contrib has the learner."""
+        return self.learner.startswith(("stable_baselines3", "sb3_contrib"))
+
+    @property
+    def is_taught(self) -> bool:
+        """Whether a teacher improves its network, on a set of scenes in place of environments."""
+        return self.track != "scene" and not self.is_sb3
+
+    @property
+    def network_name(self) -> str:
+        """What files call its network: the name of the module."""
+        return (self.network or "").partition(":")[0].rpartition(".")[2]
+
+
+def _tested_every(steps: int) -> dict[str, int]:
+    return {"eval_every": steps, "checkpoint_every": steps}
+
+
+# The order is that of command lines and pages. In one scene, where paths differ by 2 % only, an
+# agent finds the best one much more surely with starts in many places.
+ALGORITHMS: dict[str, Row] = {
+    "ppo": Row(
+        title="PPO",
+        track="scene",
+        config="agents.single.ppo:PpoConfig",
+        learner="stable_baselines3:PPO",
+        env={"random_start": 0.7},
+    ),
+    "maskable_ppo": Row(
+        title="MaskablePPO",
+        track="scene",
+        config="agents.single.maskable_ppo:MaskablePpoConfig",
+        learner="sb3_contrib:MaskablePPO",
+        env={"random_start": 0.7},
+    ),
+    "dqn": Row(
+        title="DQN",
+        track="scene",
+        config="agents.single.dqn:DqnConfig",
+        learner="stable_baselines3:DQN",
+        env={"random_start": 0.5},
+    ),
+    "qr_dqn": Row(
+        title="QR-DQN",
+        track="scene",
+        config="agents.single.qr_dqn:QrDqnConfig",
+        learner="sb3_contrib:QRDQN",
+        env={"random_start": 0.5},
+    ),
+    "q_learning": Row(
+        title="Q-learning",
+        track="scene",
+        config="agents.single.q_learning:QLearningConfig",
+        learner="agents.single.q_learning:QLearning",
+        env={"random_start": 0.5},
+    ),
+    "planner": Row(
+        title="planning network, imitation",
+        track="map",
+        config="agents.learning.map_configs:PlannerConfig",
+        learner="agents.learning.imitation:Imitation",
+        network="agents.networks.planner:PlanningNetwork",
+        training=_tested_every(1_200),
+    ),
+    "planner_ppo": Row(
+        title="planning network, PPO alone",
+        track="map",
+        config="agents.learning.map_configs:PlannerPpoConfig",
+        learner="agents.learning.whole_map_ppo:WholeMapPpo",
+        network="agents.networks.planner:PlanningNetwork",
+        training=_tested_every(50_000),
+    ),
+    "unet": Row(
+        title="U-Net, imitation",
+        track="map",
+        config="agents.learning.map_configs:UNetConfig",
+        learner="agents.learning.imitation:Imitation",
+        network="agents.networks.unet:UNet",
+        training=_tested_every(6_000),
+    ),
+    "unet_ppo": Row(
+        title="U-Net, imitation, then PPO",
+        track="map",
+        config="agents.learning.map_configs:UNetPpoConfig",
+        learner="agents.learning.whole_map_ppo:WholeMapPpo",
+        network="agents.networks.unet:UNet",
+        training=_tested_every(100_000),
+    ),
+    "vin": Row(
+        title="value-iteration network, imitation",
+        track="map",
+        config="agents.learning.map_configs:VinConfig",
+        learner="agents.learning.imitation:Imitation",
+        network="agents.networks.vin:ValueIterationNetwork",
+        training=_tested_every(3_000),
+    ),
+    "map_ppo": Row(
+        title="PPO (SB3), convolutional",
+        track="map",
+        config="agents.learning.sb3_configs:MapPpoConfig",
+        learner="stable_baselines3:PPO",
+        network="agents.networks.map_extractor:MapExtractor",
+        training=_tested_every(100_000),
+    ),
+    "explorer": Row(
+        title="explorer: imitation with memory",
+        track="local",
+        config="agents.learning.local_configs:ExplorerConfig",
+        learner="agents.learning.dagger:Dagger",
+        network="agents.networks.explorer:ExplorerNetwork",
+        training=_tested_every(64_000),
+    ),
+    "explorer_ppo": Row(
+        title="explorer: PPO with memory",
+        track="local",
+        config="agents.learning.local_configs:ExplorerPpoConfig",
+        learner="agents.learning.explorer_ppo:ExplorerPpo",
+        network="agents.networks.explorer:ExplorerNetwork",
+        training=_tested_every(50_000),
+    ),
+    "local_ppo": Row(
+        title="PPO (SB3)",
+        track="local",
+        config="agents.learning.sb3_configs:LocalPpoConfig",
+        learner="stable_baselines3:PPO",
+        network="agents.networks.local_extractor:LocalExtractor",
+        training=_tested_every(200_000),
+    ),
+    "recurrent_ppo": Row(
+        title="RecurrentPPO (sb3-contrib)",
+        track="local",
+        config="agents.learning.sb3_configs:RecurrentPpoConfig",
+        learner="sb3_contrib:RecurrentPPO",
+        network="agents.networks.local_extractor:LocalExtractor",
+        training=_tested_every(100_000),
+    ),
 }
-_SETTINGS: dict[Algorithm | Generalist, tuple[str, str]] = {
-    "ppo": ("agents.single.ppo", "PpoConfig"),
-    "maskable_ppo": ("agents.single.maskable_ppo", "MaskablePpoConfig"),
-    "dqn": ("agents.single.dqn", "DqnConfig"),
-    "qr_dqn": ("agents.single.qr_dqn", "QrDqnConfig"),
-    "map_ppo": ("agents.learning.local_configs", "MapPpoConfig"),
-    "local_ppo": ("agents.learning.local_configs", "LocalPpoConfig"),
-    "recurrent_ppo": ("agents.learning.local_configs", "RecurrentPpoConfig"),
-}
-STABLE_BASELINES = tuple(_SETTINGS)  # the algorithms of Stable-Baselines3 and sb3-contrib
 
 
-def observation_of(algorithm: Generalist) -> Literal["flat", "map"]:
-    """The observation of `IrsNavRandom-v0` that its policies see."""
-    return "flat" if algorithm in LOCAL else "map"
+def specialists() -> tuple[str, ...]:
+    """The algorithms that learn in one scene."""
+    return tuple(name for name, row in ALGORITHMS.items() if row.track == "scene")
 
 
-def model_class(algorithm: Algorithm | Generalist) -> Any:
-    """The class that learns by an algorithm, with SB3's ``learn`` and ``predict``; imported now."""
-    module, name = MODEL_CLASSES[algorithm]
-    return getattr(import_module(module), name)
+def generalists() -> tuple[str, ...]:
+    """The algorithms that learn on many scenes."""
+    return tuple(name for name, row in ALGORITHMS.items() if row.track != "scene")
 
 
-def settings_class(algorithm: Algorithm | Generalist) -> Any:
-    """The class of the settings of one of `STABLE_BASELINES`; imported now."""
-    module, name = _SETTINGS[algorithm]
+def observation_of(algorithm: str) -> Literal["flat", "map"]:
+    """The observation of `IrsNavRandom-v0` that a generalist's policies see."""
+    return "flat" if ALGORITHMS[algorithm].track == "local" else "map"
+
+
+def config_class(algorithm: str) -> Any:
+    """The class of an algorithm's settings."""
+    return named(ALGORITHMS[algorithm].config)
+
+
+def learner_class(algorithm: str) -> Any:
+    """The class that learns by an algorithm."""
+    return named(ALGORITHMS[algorithm].learner)
+
+
+def network_class(name: str) -> Any:
+    """The class of the networks over maps, or of the explorers, that files call by that name.
+
+    Raises ``KeyError`` where there is none.
+    """
+    taught = {row.network_name: row.network for row in ALGORITHMS.values() if row.is_taught}
+    return named(taught[name] or "")
+
+
+def named(text: str) -> Any:
+    """What a string "module:name" names, imported now."""
+    module, _, name = text.partition(":")
     return getattr(import_module(module), name)

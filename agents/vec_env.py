@@ -159,9 +159,9 @@ class IrsNavVecEnv(VecEnv):
         indices: int | Iterable[int] | None = None,
         **method_kwargs: Any,
     ) -> list[Any]:
-        """What a method of each single environment returns; those that move one alone are refused."""
+        """What a method of each single environment returns; moving one alone is refused."""
         if method_name == "action_masks":  # asked for at every step, and known for all at once
-            values: Sequence[Any] = self.envs.action_masks()
+            values: Any = self.envs.action_masks()
         else:
             values = self.envs.call(method_name, *method_args, **method_kwargs)
 

@@ -12,9 +12,16 @@ COMMANDS = {
     "sionna": "trace the paper's room with Sionna RT and write docs/sionna.md",
     "score": "score a trained run against the oracle and draw both paths over the map",
     "board": "put all runs below a folder on one scoreboard, with intervals over seeds",
-    "ablations": "tell what each part of the task and of the setting is worth in steps to the optimum",
-    "shaping": "tell where a discount makes another path than the shortest the best, and write docs/shaping.md",
-    "generalisation": "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's",
+    "ablations": (
+        "tell what each part of the task and of the setting is worth in steps to the optimum"
+    ),
+    "shaping": (
+        "tell where a discount makes another path than the shortest the best, "
+        "and write docs/shaping.md"
+    ),
+    "generalisation": (
+        "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
+    ),
     "speed": "time the environments beside others",
     "pretrain": "keep the best policy of each algorithm on each problem in models/",
     "watch": "show a pretrained model, a run or a reference policy on its way",
@@ -31,19 +38,18 @@ def main() -> int:
     if name not in COMMANDS:
         width = max(map(len, COMMANDS))
         print("usage: python -m eval COMMAND [--help]\n")
-        print(
-            "\n".join(f"  {command:<{width}}  {summary}" for command, summary in COMMANDS.items())
-        )
+        for command, summary in COMMANDS.items():
+            print(f"  {command:<{width}}  {summary}")
+
         return 0 if name in ("-h", "--help") else 2
 
     import tyro  # here, so that a Ctrl-C meanwhile ends in one line
 
     program = f"python -m eval {name}"
-    command = partial(
-        tyro.cli, import_module(f"eval.commands.{name}").main, args=arguments, prog=program
-    )
+    main_of_command = import_module(f"eval.commands.{name}").main
+    run = partial(tyro.cli, main_of_command, args=arguments, prog=program)
 
-    return interruptible(program, lambda: command() or 0)
+    return interruptible(program, lambda: run() or 0)
 
 
 if __name__ == "__main__":

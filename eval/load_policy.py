@@ -11,7 +11,7 @@ from agents.policies.explorer_policy import Explorer
 from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.model_file import read_network
 from agents.policies.policy import Policy
-from agents.registry import ALGORITHMS, GENERALISTS, Generalist, observation_of
+from agents.registry import ALGORITHMS, generalists, observation_of, specialists
 from agents.rollout.episode import arguments_of
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
@@ -127,31 +127,30 @@ def load_policy(
     """
     if Path(name).suffix == ".npz":
         policy = read_network(Path(name).read_bytes())
-        return _on_scenes(
-            policy, "flat" if isinstance(policy, Explorer) else "map", place, render_mode
-        )
+        observation = "flat" if isinstance(policy, Explorer) else "map"
+        return _on_scenes(policy, observation, place, render_mode)
 
-    if Path(name).exists() and (
-        Path(name, "manifest.json").exists() or name not in (*ALGORITHMS, *GENERALISTS)
-    ):
+    # a folder that happens to be called "ppo" is no run unless it holds one
+    is_run = Path(name, "manifest.json").exists() or name not in ALGORITHMS
+    if Path(name).exists() and is_run:
         return _of_run(Run.open(name), place, render_mode, model)
 
-    if name in ALGORITHMS:
+    if name in specialists():
         pretrained: Any = load_pretrained(name, **place.of_one_scene)
         return LoadedPolicy(pretrained, pretrained.make_env(render_mode))
 
-    if name in GENERALISTS:
-        return _generalist(load_pretrained(name).policy, name, place, render_mode)  # type: ignore[arg-type]
+    if name in generalists():
+        return _generalist(load_pretrained(name).policy, name, place, render_mode)
     if name in REFERENCE_POLICIES:
         return _reference(lambda env: REFERENCE_POLICIES[name](env, seed), place, render_mode)
 
-    known = ", ".join([*ALGORITHMS, *GENERALISTS, *REFERENCE_POLICIES])
+    known = ", ".join([*ALGORITHMS, *REFERENCE_POLICIES])
     raise ValueError(f"{name!r} is neither a run folder nor one of {known}")
 
 
 def _of_run(run: Run, place: Place, render_mode: str, model: str) -> LoadedPolicy:
     if run.is_generalist:
-        return _generalist(run.load_model(model), run.config.algorithm, place, render_mode)  # type: ignore[arg-type]
+        return _generalist(run.load_model(model), run.config.algorithm, place, render_mode)
 
     if place.given:
         said = ", ".join(place.given)
@@ -162,7 +161,7 @@ def _of_run(run: Run, place: Place, render_mode: str, model: str) -> LoadedPolic
     return LoadedPolicy(run.load_model(model), _in_task(run.task, render_mode))
 
 
-def _generalist(policy: Any, algorithm: Generalist, place: Place, render_mode: str) -> LoadedPolicy:
+def _generalist(policy: Any, algorithm: str, place: Place, render_mode: str) -> LoadedPolicy:
     return _on_scenes(policy, observation_of(algorithm), place, render_mode)
 
 
@@ -171,7 +170,7 @@ def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) ->
     env = gymnasium.make(
         "irs_gym:IrsNavRandom-v0", render_mode=render_mode, observation=observation, **arguments
     )
-    if isinstance(policy, Explorer):
+    if isinstance(policy, Explorer):  # its memory is as large as the largest map
         inner: Any = env.unwrapped
         policy = replace(policy, shape=inner.worlds.pool.shape)
 
@@ -185,6 +184,7 @@ def _reference(
         env = _in_task(Task(**place.given), render_mode)
         return LoadedPolicy(make(env), env)
 
+    # a reference policy is made for its environment, which comes first
     blank = _on_scenes(None, "flat", place, render_mode)
     return replace(blank, policy=make(blank.env))
 

@@ -1,5 +1,5 @@
 """`table`, `picture`, `Promise`: what the sections of a page are made of; `text`, `code`: names
-from elsewhere in them.
+from elsewhere in them; `template`: the words of a page around them.
 
 Names come from run folders and sweep files, which anybody may have written: on a page they are
 text, never markup.
@@ -8,7 +8,10 @@ text, never markup.
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+TEMPLATES = Path(__file__).with_name("templates")
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,19 @@ class Promise:
     is_met: bool
 
 
+def template(name: str) -> str:
+    """The text of a page in ``eval/templates``, with a field in braces for each part that is
+    computed.
+    """
+    return (TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def template_sections(name: str) -> dict[str, str]:
+    """The sections of a template by their titles, each with its heading."""
+    found = re.split(r"^(?=##? )", template(name), flags=re.MULTILINE)
+    return {each.partition("\n")[0].lstrip("# "): each for each in found if each}
+
+
 def printable(name: str) -> str:
     """The name on one line, with an escape in place of each character that cannot be seen or
     encoded.
@@ -29,6 +45,7 @@ def printable(name: str) -> str:
 
 def text(name: str) -> str:
     """The name as Markdown that shows it as it is, also in a cell of a table."""
+    # An underscore within a word is no markup, and reads better without a backslash.
     shown = re.sub(r"([\\`*\[\]|~]|(?<![^\W_])_|_(?![^\W_]))", r"\\\1", printable(name))
     return shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
@@ -36,6 +53,8 @@ def text(name: str) -> str:
 def code(name: str) -> str:
     """The name as code in Markdown, also in a cell of a table."""
     shown = printable(name).replace("|", "\\|")
+
+    # The fence has one backtick more than the longest run of them in the name.
     longest = max(map(len, re.findall("`+", shown)), default=0)
     fence = "`" * (longest + 1)
 

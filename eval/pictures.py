@@ -1,9 +1,10 @@
-"""`as_png`: a figure of matplotlib as a PNG, small where 256 colours do; names in it, and a legend
-that fits.
+"""`as_png`: a figure of matplotlib as a PNG, small where 256 colours do; names in it, a legend
+that fits, and `write_pictures`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from eval.markdown import printable
+from irs_gym.files import write_file
 
 
 def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes:
@@ -18,6 +20,7 @@ def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes
     colours.
     """
     content = BytesIO()
+    # without the version of matplotlib: the same figure is the same file
     figure.savefig(content, format="png", dpi=dpi, metadata={"Software": None})
     if not in_palette:
         return content.getvalue()
@@ -27,6 +30,14 @@ def as_png(figure: Figure, dpi: int = 150, *, in_palette: bool = False) -> bytes
     few.save(content, format="png", optimize=True)
 
     return content.getvalue()
+
+
+def write_pictures(folder: Path, pictures: Mapping[str, bytes]) -> None:
+    """Write pictures by their names into a folder, which is made where it is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
+
+    for name, content in pictures.items():
+        write_file(folder / name, content)
 
 
 def literal(name: str) -> str:
@@ -41,10 +52,11 @@ def add_legend(figure: Figure, handles: Sequence[Artist]) -> None:
     for each in handles:
         each.set_label(literal(str(each.get_label())))
 
-    lengths = [
-        len(str(each.get_label())) + 7 for each in handles
-    ]  # in characters; seven for the line or mark
-    room = figure.get_figwidth() * 14  # characters of small print
+    # All in characters of small print: 14 to the inch, and seven for the line or mark of a label.
+    lengths = [len(str(each.get_label())) + 7 for each in handles]
+    room = figure.get_figwidth() * 14
+
+    # matplotlib fills column by column, and each is as wide as its longest label
     widths = {
         n: sum(max(part, default=0) for part in np.array_split(lengths, n)) for n in (4, 3, 2, 1)
     }

@@ -58,7 +58,7 @@ def interquartile_mean(values: Floats) -> Any:
 
 
 def optimality_gap(values: Floats) -> Any:
-    """Mean amount by which scores fall short of 1 (Agarwal et al. 2021): 0 where all are optimal."""
+    """Mean shortfall of scores from 1 (Agarwal et al. 2021): 0 where all are optimal."""
     return np.maximum(1.0 - values, 0.0).mean(axis=(-2, -1))
 
 
@@ -85,16 +85,15 @@ def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) ->
             f"values {table.shape} must be (seeds,) or (seeds, tasks), not empty and without NaN"
         )
 
-    table = table.reshape(len(table), -1)
+    table = table.reshape(len(table), -1)  # (seeds, tasks)
     value = float(statistic(table))
     if len(table) == 1:
         return Estimate(value, None, None, ONE_SEED)
     if np.allclose(table, table[0], rtol=_EQUAL, atol=_EQUAL):
         return Estimate(value, value, value, ALL_EQUAL)
 
-    with np.errstate(
-        invalid="ignore"
-    ):  # infinite statistics have no standard error, which is not looked at
+    # infinite statistics have no standard error, which is not looked at
+    with np.errstate(invalid="ignore"):
         found = stats.bootstrap(
             (np.arange(len(table)),),
             lambda seeds, axis: statistic(table[seeds.astype(np.int64)]),
@@ -127,6 +126,7 @@ def paired_difference(differences: ArrayLike, *, rng: int = 0) -> Estimate:
             f"differences {table.shape} must be (seeds, scenes), not empty and without NaN"
         )
 
+    # shares of the draws that fall on each, (RESAMPLES, seeds) and (RESAMPLES, scenes)
     draws = np.random.default_rng(rng)
     shares = [draws.multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES) / n for n in table.shape]
     found = ((shares[0] @ table) * shares[1]).sum(axis=1)
@@ -153,9 +153,15 @@ def band(curves: ArrayLike, *, rng: int = 0) -> tuple[Floats, Floats, Floats]:
         return table[0], table[0], table[0]
 
     found = stats.bootstrap(
-        (table,), np.mean, axis=0, vectorized=True, n_resamples=1999, batch=100, method="percentile",
+        (table,),
+        np.mean,
+        axis=0,
+        vectorized=True,
+        n_resamples=1999,
+        batch=100,
+        method="percentile",
         rng=np.random.default_rng(rng),
-    )  # fmt: skip
+    )
     low, high = _middle(found.bootstrap_distribution)
 
     return table.mean(axis=0), low, high

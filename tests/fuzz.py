@@ -681,13 +681,13 @@ def commands(folder: Path) -> Callable[[], None]:
     """Command lines of ``train`` and ``eval``: read and checked, not run."""
     import tyro
 
-    from agents.registry import ALGORITHMS, GENERALISTS
+    from agents.registry import ALGORITHMS
     from eval.__main__ import COMMANDS
     from train.config import defaults_of, parse, record_of
     from train.run import check
 
     os.chdir(folder)
-    trainable = ["q_learning", "ppo", "dqn", *ALGORITHMS, *GENERALISTS]
+    trainable = ["q_learning", "ppo", "dqn", *ALGORITHMS]
     mains = {name: import_module(f"eval.{name}").main for name in COMMANDS}
 
     def options_of(config: Any, prefix: str = "--") -> list[str]:

@@ -7,7 +7,17 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from irs_gym.grid import MOVE_LENGTHS, MOVE_NAMES, MOVES, Grid, legal_moves, octile_distance
+from irs_gym.grid import (
+    MOVE_LENGTHS,
+    MOVE_NAMES,
+    MOVES,
+    Grid,
+    cells_at,
+    flat_cells,
+    legal_moves,
+    neighbours,
+    octile_distance,
+)
 
 PAPER = Grid.tile((-10.0, -10.0), (10.0, 10.0), 0.5)
 SIZES = ["1/10", "1/5", "1/4", "1/3", "2/5", "1/2", "2/3", "1", "5/2"]
@@ -110,6 +120,19 @@ def test_the_grid_has_the_cells_from_zero_to_its_shape():
     )
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (6, 1), (4, 7)])
+def test_flat_cells_number_a_map_row_by_row(shape):
+    grid = Grid(shape, 1.0, (0.0, 0.0))
+    cells = np.array(list(np.ndindex(shape)))
+    numbers = np.arange(shape[0] * shape[1])
+    np.testing.assert_array_equal(flat_cells(cells, shape), numbers)
+    np.testing.assert_array_equal(cells_at(numbers, shape), cells)
+    np.testing.assert_array_equal(cells_at(numbers.reshape(shape), shape), cells.reshape(*shape, 2))
+    assert [grid.flat(tuple(cell)) for cell in cells.tolist()] == numbers.tolist()
+    assert [list(grid.cell_at(number)) for number in numbers.tolist()] == cells.tolist()
+    assert np.arange(numbers.size).reshape(shape)[grid.cell_at(grid.flat((0, 0)))] == 0
+
+
 # --- moves ----------------------------------------------------------------------------------------
 
 
@@ -137,6 +160,18 @@ def test_a_move_is_legal_where_its_end_is_on_the_map_and_free(shape):
         for n, (di, dj) in enumerate(MOVES):
             on_map = 0 <= i + di < shape[0] and 0 <= j + dj < shape[1]
             assert legal[i, j, n] == (on_map and free[i + di, j + dj])
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (3, 2, 4), (2, 3, 4, 5)])
+def test_neighbours_are_the_values_that_moves_lead_to(shape):
+    values = np.random.default_rng(3).normal(size=shape)
+    found = neighbours(values, np.inf)
+    assert found.shape == (*shape, 8)
+    np.testing.assert_array_equal(np.moveaxis(found, -1, 0), neighbours(values, np.inf, axis=0))
+    for *maps, i, j in np.ndindex(shape):
+        for n, (di, dj) in enumerate(MOVES):
+            on_map = 0 <= i + di < shape[-2] and 0 <= j + dj < shape[-1]
+            assert found[*maps, i, j, n] == (values[*maps, i + di, j + dj] if on_map else np.inf)
 
 
 def test_diagonal_moves_may_cut_corners():

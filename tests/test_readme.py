@@ -20,7 +20,7 @@ from _pytest.mark.structures import ParameterSet
 
 from agents.single.dqn import DqnConfig
 from agents.single.ppo import PpoConfig
-from train.config import DEFAULTS
+from train.config import defaults_of
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
@@ -90,6 +90,7 @@ def run(block: Block, checkout: Path) -> subprocess.CompletedProcess:
         "OMP_NUM_THREADS": "1",
         "SDL_VIDEODRIVER": "dummy",
         "RAY_AUTH_MODE": "disabled",
+        "MINARI_DATASETS_PATH": str(checkout / ".minari"),
     }
     return subprocess.run(
         commands[block.language],
@@ -160,7 +161,7 @@ def test_settings_for_rl_zoo3_are_those_of_train(config):
     zoo = yaml.safe_load((ROOT / "train" / "zoo" / f"{config.algorithm}.yml").read_text())[
         "IrsNavFlat-v0"
     ]
-    assert zoo.pop("env_kwargs") == {"random_start": DEFAULTS[config.algorithm].env.random_start}
+    assert zoo.pop("env_kwargs") == {"random_start": defaults_of(config.algorithm).env.random_start}
     assert zoo.pop("policy_kwargs") == f"dict(net_arch={list(config.net_arch)})"
     assert float(zoo.pop("learning_rate").removeprefix("lin_")) == config.learning_rate
     assert zoo.pop("n_timesteps") == config.total_timesteps

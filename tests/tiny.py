@@ -10,7 +10,7 @@ from shlex import split
 import numpy as np
 import pytest
 
-from agents.registry import ALGORITHMS
+from agents.registry import specialists
 from agents.runs.run_folder import Run
 from irs_gym import RadioMap
 from irs_gym.files import read_arrays
@@ -33,7 +33,7 @@ TINY: dict[str, list[str]] = {
             else []
         ),
     ]
-    for algorithm in ALGORITHMS
+    for algorithm in specialists()
 }
 
 

@@ -1,5 +1,7 @@
 """A pool of small maps with random obstacles, for tests of what learns on many scenes."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from irs_gym.datasets.scene_set import SceneSet
@@ -30,3 +32,9 @@ def tiny_pool(
     names = tuple(f"tiny-{n}" for n in range(scenes))
     irs = np.full((scenes, 3), -1.0, dtype=np.float32)
     return SceneSet((), names, target_db, gain_db, to_go, irs, start, goal, 0.5)
+
+
+def resized(pool: SceneSet, cell_size: float) -> SceneSet:
+    """The same maps with cells of another size in metres."""
+    to_go = pool.distance_to_go / pool.cell_size * cell_size
+    return replace(pool, distance_to_go=to_go, cell_size=cell_size)

@@ -16,14 +16,14 @@ def main() -> int:
     """Train the algorithm named first; its settings make the rest of the command line. Returns the
     exit status.
     """
-    from agents.registry import ALGORITHMS, GENERALISTS
+    from agents.registry import ALGORITHMS
 
     name, *arguments = sys.argv[1:] or ["--help"]
     if name == "sweep":
         return _sweep(arguments)
 
-    if name not in (*ALGORITHMS, *GENERALISTS):
-        print(f"usage: python -m train {{{','.join([*ALGORITHMS, *GENERALISTS])},sweep}} [--help]")
+    if name not in ALGORITHMS:
+        print(f"usage: python -m train {{{','.join(ALGORITHMS)},sweep}} [--help]")
         return 0 if name in ("-h", "--help") else 2
 
     return _train(name, arguments)

@@ -5,38 +5,18 @@ those of an old run.
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import tyro
 from pydantic import TypeAdapter, ValidationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from agents.learning.local_configs import (
-    ExplorerConfig,
-    ExplorerPpoConfig,
-    LocalPpoConfig,
-    MapPpoConfig,
-    RecurrentPpoConfig,
-    Sb3PpoConfig,
-)
-from agents.learning.map_configs import (
-    MapAgentConfig,
-    PlannerConfig,
-    PlannerPpoConfig,
-    UNetConfig,
-    UNetPpoConfig,
-    VinConfig,
-)
-from agents.registry import Algorithm, Generalist
+from agents.registry import ALGORITHMS, config_class
 from agents.rollout.episode import arguments_of
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run, RunError
-from agents.single.config import AgentConfig, check_settings
+from agents.single.config import check_settings
 from agents.single.dqn import DqnConfig
-from agents.single.maskable_ppo import MaskablePpoConfig
-from agents.single.ppo import PpoConfig
-from agents.single.q_learning import QLearningConfig
-from agents.single.qr_dqn import QrDqnConfig
 from irs_gym.datasets.splits import split_of
 from irs_gym.mdp.task import Task, resolved
 from irs_gym.radio.radio_map import RadioMap
@@ -86,7 +66,7 @@ class TrainConfig(RunConfig):
     the run in good order. A run that was ended so, or killed, goes on with --resume.
     """
 
-    agent: AgentConfig
+    agent: Any
     env: Task
     """What is trained on; tests differ from it by the fixed start alone."""
     stop_at_optimum: bool = True
@@ -106,7 +86,8 @@ class TrainConfig(RunConfig):
         ):
             seen = self.env.observation
             raise ValueError(
-                f"n_steps={self.agent.n_steps} needs observation='flat' or 'map'; {seen!r} allows only 1"
+                f"n_steps={self.agent.n_steps} needs observation='flat' or 'map'; "
+                f"{seen!r} allows only 1"
             )
 
 
@@ -129,7 +110,8 @@ class Scenes:
             size = split_of(getattr(self, split)).size
             if getattr(self, number) > size:
                 raise ValueError(
-                    f"{number}={getattr(self, number)}: there are {size} in {getattr(self, split)!r}"
+                    f"{number}={getattr(self, number)}: "
+                    f"there are {size} in {getattr(self, split)!r}"
                 )
 
 
@@ -142,40 +124,9 @@ class GeneralistConfig(RunConfig):
     ends the run in good order. A run that was ended so, or killed, goes on with --resume.
     """
 
-    agent: MapAgentConfig | Sb3PpoConfig
+    agent: Any
     env: Scenes = Scenes()
 
-
-# Where paths differ by 2 % only, an agent finds the best one much more surely with starts in many
-# places.
-DEFAULTS: dict[Algorithm, TrainConfig] = {
-    agent.algorithm: TrainConfig(
-        agent=agent, env=Task(observation="flat", random_start=random_start)
-    )
-    for agent, random_start in (
-        (PpoConfig(), 0.7),
-        (MaskablePpoConfig(), 0.7),
-        (DqnConfig(), 0.5),
-        (QrDqnConfig(), 0.5),
-        (QLearningConfig(), 0.5),
-    )
-}
-
-GENERALIST_DEFAULTS: dict[Generalist, GeneralistConfig] = {
-    agent.algorithm: GeneralistConfig(agent=agent, eval_every=test, checkpoint_every=test)
-    for agent, test in (
-        (PlannerConfig(), 1_200),
-        (UNetConfig(), 6_000),
-        (VinConfig(), 3_000),
-        (PlannerPpoConfig(), 50_000),
-        (UNetPpoConfig(), 100_000),
-        (MapPpoConfig(), 100_000),
-        (ExplorerConfig(), 64_000),
-        (ExplorerPpoConfig(), 50_000),
-        (LocalPpoConfig(), 200_000),
-        (RecurrentPpoConfig(), 100_000),
-    )
-}
 
 _OF_THE_CALL = (
     "out",
@@ -186,10 +137,14 @@ _OF_THE_CALL = (
 )  # not of the run, whose result they do not touch
 
 
-def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig | None:
-    """The tuned settings of an algorithm; None for an unknown one."""
-    known: dict[str, TrainConfig | GeneralistConfig] = {**DEFAULTS, **GENERALIST_DEFAULTS}
-    return known.get(algorithm)
+def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig:
+    """The tuned settings of an algorithm; raises ``KeyError`` for an unknown one."""
+    row = ALGORITHMS[algorithm]
+    agent = config_class(algorithm)()
+    if row.track == "scene":
+        return TrainConfig(agent=agent, env=Task(observation="flat", **row.env), **row.training)
+
+    return GeneralistConfig(agent=agent, env=Scenes(**row.env), **row.training)
 
 
 def record_of(config: TrainConfig | GeneralistConfig) -> Config:
@@ -218,7 +173,9 @@ def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
 
     try:
         agent = TypeAdapter(type(default.agent)).validate_python(record.agent)
-        env = TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task
+        env: Any = (
+            TypeAdapter(Scenes).validate_python(record.env) if run.is_generalist else run.task
+        )
         return type(default)(
             agent=agent, env=env, seed=record.seed, resume=run.folder, **record.training
         )
@@ -230,9 +187,7 @@ def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
         raise RunError(f"{str(run.folder / 'config.json')!r}: {error}") from None
 
 
-def parse(
-    algorithm: Algorithm | Generalist, arguments: Sequence[str]
-) -> TrainConfig | GeneralistConfig:
+def parse(algorithm: str, arguments: Sequence[str]) -> TrainConfig | GeneralistConfig:
     """Settings from a command line; ends the program with a message where it is wrong."""
     default = defaults_of(algorithm)
     return tyro.cli(

@@ -61,11 +61,15 @@ class Evaluation(BaseCallback):
     @property
     def summary(self) -> str:
         """The result in one line."""
-        seen = f"{self.status.replace('_', ' ')} after {self.num_timesteps:,} steps, {self.rows[-1]['seconds']:.0f} s"
+        status = self.status.replace("_", " ")
+        seen = f"{status} after {self.num_timesteps:,} steps, {self.rows[-1]['seconds']:.0f} s"
         if self.best is None or self.best.ratio is None:
             return f"{seen}; no test reached the goal"
 
-        return f"{seen}; best path {self.best.distance:.3f} m, {self.best.ratio:.3f} times the oracle's"
+        return (
+            f"{seen}; best path {self.best.distance:.3f} m, "
+            f"{self.best.ratio:.3f} times the oracle's"
+        )
 
     @property
     def seconds(self) -> float:

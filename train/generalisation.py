@@ -26,11 +26,15 @@ class Generalisation(Evaluation):
     def summary(self) -> str:
         """The result in one line."""
         assert self.best is not None
-        seen = f"{self.status.replace('_', ' ')} after {self.num_timesteps:,} steps, {self.rows[-1]['seconds']:.0f} s"
+        status = self.status.replace("_", " ")
+        seen = f"{status} after {self.num_timesteps:,} steps, {self.rows[-1]['seconds']:.0f} s"
         success = self.best.is_success.mean()
         spl = self.best.spl.mean()
 
-        return f"{seen}; success {success:.3f}, SPL {spl:.4f} on {len(self.pool)} scenes that it did not learn on"
+        return (
+            f"{seen}; success {success:.3f}, SPL {spl:.4f} "
+            f"on {len(self.pool)} scenes that it did not learn on"
+        )
 
     def _test(self) -> None:
         self.latest = episodes = play_scene_set(self.model.policy, self.pool, self.observation)

@@ -1,4 +1,4 @@
-"""`MapPlan`: the runs of a sweep, algorithms x settings x seeds, read from a small TOML file."""
+"""`Plan`: the runs of a sweep, algorithms x settings x seeds, read from a small TOML file."""
 
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -8,9 +8,8 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from agents.registry import Trainable
 from agents.rollout.episode import arguments_of, evaluation_env
-from agents.runs.manifest import Config
+from agents.runs.manifest import AlgorithmName, Config
 from agents.runs.run_folder import COPIES, Run
 from irs_gym.files import read_file
 from irs_gym.mdp.task import Task, checked_fields, task_of
@@ -37,7 +36,7 @@ class Setting(_Table):
     In ``agent.weights``, ``{seed}`` stands for the seed of the run.
     """
 
-    algorithms: tuple[Trainable, ...] | None = None
+    algorithms: tuple[AlgorithmName, ...] | None = None
     """In place of those of the whole sweep."""
     env: dict[str, Any] = {}
     agent: dict[str, Any] = {}
@@ -50,7 +49,7 @@ class Plan(_Table):
     out: Path
     """Folder of the run folders, ``SETTING/ALGORITHM/seedN``."""
     seeds: int = Field(ge=1)
-    algorithms: tuple[Trainable, ...] = Field(min_length=1)
+    algorithms: tuple[AlgorithmName, ...] = Field(min_length=1)
     settings: dict[Name, Setting] = Field(min_length=1)
 
     @classmethod
@@ -75,12 +74,13 @@ class Plan(_Table):
         runs = plan.seeds * sum(1 for _ in plan.cells())
         if runs > MOST_RUNS:
             raise PlanError(
-                f"{file}: seeds={plan.seeds} make {runs:,} runs, and a sweep has at most {MOST_RUNS:,}"
+                f"{file}: seeds={plan.seeds} make {runs:,} runs, "
+                f"and a sweep has at most {MOST_RUNS:,}"
             )
 
         return plan
 
-    def cells(self) -> Iterator[tuple[str, Trainable]]:
+    def cells(self) -> Iterator[tuple[str, AlgorithmName]]:
         """Each setting with each of its algorithms."""
         for name, setting in self.settings.items():
             for algorithm in setting.algorithms or self.algorithms:
@@ -132,20 +132,20 @@ class Plan(_Table):
             run = Run.open(config.out)
             if not _is_same(run.config, record_of(config)):
                 raise PlanError(
-                    f"{str(config.out)!r} holds a run with other settings: name another folder as out"
+                    f"{str(config.out)!r} holds a run with other settings: "
+                    "name another folder as out"
                 )
 
             if not trust and run.manifest.status not in ENDED:
                 run.own_manifest()
 
-    def _configured(self, name: str, algorithm: Trainable) -> TrainConfig | GeneralistConfig:
+    def _configured(self, name: str, algorithm: AlgorithmName) -> TrainConfig | GeneralistConfig:
         where = f"settings.{name}"
         setting = self.settings[name]
         default = defaults_of(algorithm)
-        assert default is not None  # all algorithms have some
 
         try:
-            env = _env_of(default.env, setting.env)
+            env: Any = _env_of(default.env, setting.env)
         except (TypeError, ValueError) as error:
             raise PlanError(f"{where}.env: {error}") from None
 

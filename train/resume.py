@@ -75,7 +75,8 @@ def check(run: Run, *, trust: bool = False) -> None:
     ]
     if others:
         raise CannotResumeError(
-            f"{str(run.folder)!r} can be resumed only with the packages that began it: {'; '.join(others)}"
+            f"{str(run.folder)!r} can be resumed only with the packages that began it: "
+            f"{'; '.join(others)}"
         )
 
     if not trust:

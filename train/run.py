@@ -9,13 +9,14 @@ from typing import Any
 
 import torch
 from stable_baselines3.common.callbacks import CallbackList
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 
-from agents.learning.map_configs import MapAgentConfig
-from agents.registry import observation_of
+from agents.learning.map_learner import MapLearner, first_network
+from agents.registry import ALGORITHMS, observation_of
 from agents.rollout.episode import arguments_of, evaluation_env
 from agents.runs.interruption import noticed
 from agents.runs.run_folder import LockedError, Run, RunError
+from agents.single.model import build_model
 from agents.vec_env import IrsNavVecEnv
 from irs_gym.datasets import scene_set as pools
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
@@ -40,8 +41,8 @@ def check(config: TrainConfig | GeneralistConfig) -> None:
         _check_resumed(config, Run.open(config.resume))
         return
 
-    if isinstance(config.agent, MapAgentConfig):
-        config.agent.build_network()
+    if _is_taught(config):
+        first_network(config.agent)
     elif isinstance(config, TrainConfig):
         evaluation_env(config.env).close()
 
@@ -104,14 +105,15 @@ def _note(run: Run, **changes: Any) -> None:
 def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     torch.set_num_threads(config.threads)
     evaluation = _evaluation(run, config)
-    model = resume.restore(run, evaluation, trust=config.trust) if config.resume else None
+    model: Any = resume.restore(run, evaluation, trust=config.trust) if config.resume else None
     is_new = model is None
     if is_new:
-        model = config.agent.build(_material(config), config.seed)
-    elif isinstance(config.agent, MapAgentConfig):
+        build = MapLearner if _is_taught(config) else build_model
+        model = build(config.agent, _material(config), config.seed)
+    elif _is_taught(config):
         model.pool = _material(config)
 
-    outputs = (
+    outputs: list[KVWriter] = (
         [TensorBoardOutputFormat(str(run.folder / "tensorboard"))] if config.tensorboard else []
     )
     model.set_logger(Logger(folder=None, output_formats=outputs))
@@ -127,10 +129,15 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
     run.update(
         status=evaluation.status, **({} if evaluation.is_interrupted else {"checkpoints": ()})
     )
-    if not isinstance(config.agent, MapAgentConfig):
+    if not _is_taught(config):
         model.get_env().close()
 
     return evaluation
+
+
+def _is_taught(config: TrainConfig | GeneralistConfig) -> bool:
+    """Whether a teacher improves a network on the scenes themselves, in no environment."""
+    return ALGORITHMS[config.agent.algorithm].is_taught
 
 
 def _evaluation(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
@@ -148,7 +155,7 @@ def _material(config: TrainConfig | GeneralistConfig) -> Any:
         return IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env))
 
     scenes = _pool(config, config.env.split, config.env.num_scenes)
-    if isinstance(config.agent, MapAgentConfig):
+    if _is_taught(config):
         return scenes
 
     return IrsNavVecEnv(  # whose pool is named, not handed over, so that a checkpoint holds no maps
@@ -177,7 +184,8 @@ def _check_resumed(config: TrainConfig | GeneralistConfig, run: Run) -> None:
     )
     if config != own:
         raise ValueError(
-            "--resume goes on with the run's own settings: give none beside it but --no-progress, --trust"
+            "--resume goes on with the run's own settings: "
+            "give none beside it but --no-progress, --trust"
         )
 
     settings_of(run)

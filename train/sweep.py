@@ -19,7 +19,7 @@ from rich.live import Live
 from rich.table import Table
 from tyro.conf import Positional
 
-from agents.registry import GENERALISTS
+from agents.registry import generalists
 from agents.rollout.episode import TOLERANCE
 from agents.runs.interruption import Interruption, noticed
 from agents.runs.provenance import ROOT
@@ -164,7 +164,7 @@ class Sweep:
             self.states[self.plan.folder(setting, algorithm, n)] for n in range(self.plan.seeds)
         )
         said = [f"{counts['exact'] + counts['ended']}/{self.plan.seeds}"]
-        said += [] if algorithm in GENERALISTS else [f"{counts['exact']} exact"]
+        said += [] if algorithm in generalists() else [f"{counts['exact']} exact"]
         return ", ".join(
             said
             + [
@@ -177,8 +177,8 @@ class Sweep:
     def _caption(self) -> str:
         counts = Counter(self.states.values())
         passed = time.monotonic() - self.began
-        said = f"{counts['exact'] + counts['ended']} of {len(self.states)} runs, {counts['failed']} failed, "
-        said += f"{timedelta(seconds=round(passed))}"
+        said = f"{counts['exact'] + counts['ended']} of {len(self.states)} runs, "
+        said += f"{counts['failed']} failed, {timedelta(seconds=round(passed))}"
         if not self.trained or not self.running:
             return said
 
@@ -291,7 +291,7 @@ def _start_ray(jobs: int | None) -> int:
             **quiet,
         )
 
-    return jobs or int(ray.cluster_resources()["CPU"])
+    return jobs or int(ray.cluster_resources()["CPU"])  # type: ignore[no-untyped-call]
 
 
 def _state(folder: Path) -> str:

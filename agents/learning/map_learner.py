@@ -8,9 +8,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from agents.learning.map_configs import MapAgentConfig
+from agents.learning.map_configs import MapAgentConfig, network_settings
+from agents.networks.map_network import build_network, unpack_network
 from agents.policies.explorer_policy import Explorer
 from agents.policies.map_policy import MapPolicy
+from agents.registry import ALGORITHMS, learner_class
+from agents.runs.run_folder import Run
 from irs_gym.datasets.scene_set import SceneSet
 
 if TYPE_CHECKING:
@@ -46,7 +49,9 @@ class MapLearner:
         self.config = config
         self.pool = pool
         self.num_timesteps = 0
-        self.teacher = config.teacher(config.build_network(), np.random.default_rng(seed))
+        self.teacher: Teacher = learner_class(config.algorithm)(
+            config, first_network(config), np.random.default_rng(seed)
+        )
         self.logger: Logger | None = None
 
     def learn(
@@ -67,8 +72,9 @@ class MapLearner:
             )
             self.num_timesteps += steps
 
-            for name, value in seen.items() if self.logger else ():
-                self.logger.record(f"train/{name}", value)
+            if self.logger is not None:
+                for name, value in seen.items():
+                    self.logger.record(f"train/{name}", value)
 
             is_going_on = callback.on_step()
 
@@ -80,10 +86,14 @@ class MapLearner:
     def policy(self) -> MapPolicy | Explorer:
         """What acts by the network as it is now."""
         network = self.teacher.network
-        name = self.config.network
-        shape = self.config.shape
+        settings = network_settings(self.config)
+        name = ALGORITHMS[self.config.algorithm].network_name
 
-        return Explorer(shape, network) if name == "explorer" else MapPolicy(name, shape, network)
+        return (
+            Explorer(settings, network)
+            if name == "explorer"
+            else MapPolicy(name, settings, network)
+        )
 
     def set_logger(self, logger: Logger) -> None:
         """Log to there from now on."""
@@ -95,3 +105,25 @@ class MapLearner:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "pool": None}
+
+
+def first_network(config: MapAgentConfig) -> nn.Module:
+    """The network to begin with; raises ``ValueError`` where ``weights`` do not fit."""
+    name = ALGORITHMS[config.algorithm].network_name
+    settings = network_settings(config)
+    if config.weights is None:
+        return build_network(name, settings)
+
+    content = (
+        Run.open(config.weights).read_model()
+        if config.weights.is_dir()
+        else config.weights.read_bytes()
+    )
+    found_name, found_settings, network = unpack_network(content)
+    if (found_name, found_settings) != (name, settings):
+        raise ValueError(
+            f"weights={str(config.weights)!r} hold {found_name} {found_settings}, "
+            f"not {name} {settings}"
+        )
+
+    return network

@@ -83,7 +83,8 @@ def clipped_loss(
     Parameters
     ----------
     log_probs
-        Logarithms of the probabilities of the moves as they are now, shape ``(..., 8)``; that of all other arrays is ``(...)``.
+        Logarithms of the probabilities of the moves as they are now, shape ``(..., 8)``; that of
+        all other arrays is ``(...)``.
     old_log_probs
         Logarithms of the probabilities of the actions when they were drawn.
     """

@@ -1,6 +1,5 @@
 """`RobotBatch`: robots on their ways through scenes of a pool, with what each of them has seen."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,36 +7,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from agents.learning.local_configs import RobotBatchConfig
 from agents.policies.belief_map import BeliefMap, patches_of
 from agents.rollout.rules import RULES
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import cells_at, flat_cells
-from irs_gym.mdp.dynamics import next_cells, permissions
+from irs_gym.mdp.dynamics import next_cells, permissions, start_cells
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobotBatchConfig:
-    """How n robots are sent out.
-
-    Attributes
-    ----------
-    robots
-        n, each in a scene of its own.
-    patch_radius
-        Cells that a robot sees in each direction.
-    max_steps
-        Steps after which it gives up.
-    random_start
-        Probability of a start drawn among the cells from which the goal can be reached.
-    """
-
-    robots: int
-    patch_radius: int
-    max_steps: int
-    random_start: float
 
 
 class BatchStep(NamedTuple):
@@ -57,8 +35,8 @@ class RobotBatch:
         Where each robot is, ``(n,)`` and ``(n, 2)``.
     steps
         How many each has taken since it began, ``(n,)``.
-    seen
-        What each has seen since it began.
+    belief
+        What each has seen of its map since it began.
     """
 
     def __init__(self, config: RobotBatchConfig, pool: SceneSet, rng: np.random.Generator) -> None:
@@ -68,12 +46,12 @@ class RobotBatch:
         self.scenes = np.zeros(n, dtype=np.int64)
         self.cells = np.zeros((n, 2), dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
-        self.seen = BeliefMap.nothing(n, pool.shape, config.patch_radius)
+        self.belief = BeliefMap.nothing(n, pool.shape, config.patch_radius)
         self.begin(pool, np.arange(n))
 
     def known(self, pool: SceneSet) -> tuple[Tensor, Tensor, Tensor]:
         """What the robots know, as `agents.networks.explorer.ExplorerNetwork` takes it: a copy."""
-        margin = np.ascontiguousarray(self.seen.maps)  # (n, X, Y)
+        margin = np.ascontiguousarray(self.belief.maps)  # (n, X, Y)
         goals = flat_cells(pool.goal[self.scenes], pool.shape)  # (n,)
 
         return (
@@ -89,11 +67,12 @@ class RobotBatch:
 
         is_drawn = self._rng.random(len(robots)) < self.config.random_start
         for robot in robots[is_drawn].tolist():
-            to_go = pool.distance_to_go[self.scenes[robot]]
-            self.cells[robot] = self._rng.choice(np.argwhere(np.isfinite(to_go) & (to_go > 0)))
+            scene = self.scenes[robot]
+            can_start = start_cells(pool.distance_to_go[scene], tuple(pool.goal[scene].tolist()))
+            self.cells[robot] = self._rng.choice(cells_at(can_start, pool.shape))
 
         self.steps[robots] = 0
-        self.seen = self.seen.forget(robots)
+        self.belief = self.belief.forget(robots)
         self._look(pool)
 
     def move(self, pool: SceneSet, moves: Ints, waits: Bools) -> BatchStep:
@@ -126,5 +105,5 @@ class RobotBatch:
         return cells_at(next_cells(here, moves, can, pool.shape), pool.shape)
 
     def _look(self, pool: SceneSet) -> None:
-        patches = patches_of(pool, self.scenes, self.cells, self.seen.radius)
-        self.seen = self.seen.look(self.cells, patches)
+        patches = patches_of(pool, self.scenes, self.cells, self.belief.radius)
+        self.belief = self.belief.look(self.cells, patches)

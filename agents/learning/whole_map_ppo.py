@@ -25,7 +25,7 @@ from agents.networks.map_network import maps_of
 from agents.rollout.rules import RULES
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import octile_distance
-from irs_gym.mdp.dynamics import ACTIONS, transitions
+from irs_gym.mdp.dynamics import ACTIONS, start_cells, transitions
 
 
 class Rollout(NamedTuple):
@@ -120,8 +120,7 @@ class WholeMapPpo:
         drawn = []
 
         for n, scene in enumerate(scenes):
-            to_go = pool.distance_to_go[scene]
-            can_start = np.flatnonzero(np.isfinite(to_go) & (to_go > 0))
+            can_start = start_cells(pool.distance_to_go[scene], tuple(pool.goal[scene].tolist()))
             drawn.append(n * cells + self._rng.choice(can_start, shape))
 
         return np.concatenate(drawn, axis=1)

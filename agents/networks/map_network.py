@@ -5,8 +5,7 @@ A file holds plain arrays and a line of JSON; nothing in it is unpickled.
 """
 
 import json
-from collections.abc import Callable, Mapping
-from importlib import import_module
+from collections.abc import Mapping
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -15,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from agents.registry import NetworkName
+from agents.registry import network_class
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.files import read_arrays
 from irs_gym.mdp.packing import GOAL, MARGIN, OBSTACLE, scaled_margin
@@ -27,12 +26,6 @@ STILL = [MARGIN, OBSTACLE, GOAL]
 FILE_BYTES = 2**28  # of a network's file and of its weights
 _TRAINED = 4  # times the weights that learning takes: gradients and two moments of Adam beside them
 _LARGEST_SETTING = 4096  # channels, rounds, passes
-_CLASSES: dict[NetworkName, tuple[str, str]] = {
-    "planner": ("agents.networks.planner", "PlanningNetwork"),
-    "unet": ("agents.networks.unet", "UNet"),
-    "vin": ("agents.networks.vin", "ValueIterationNetwork"),
-    "explorer": ("agents.networks.explorer", "ExplorerNetwork"),
-}
 
 
 class NetworkFileError(ValueError):
@@ -72,7 +65,7 @@ def plan_scene_set(network: nn.Module, pool: SceneSet, batch: int = 32) -> NDArr
         return np.concatenate([network(maps_of(pool, each)).logits.numpy() for each in scenes])
 
 
-def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
+def build_network(name: str, settings: Mapping[str, Any]) -> nn.Module:
     """A network by its name, untrained; its weights are drawn from PyTorch's random numbers.
 
     Raises ``ValueError`` where a setting is out of its range, or the network would take too much
@@ -83,24 +76,22 @@ def build_network(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
         f"{dict(settings)}: the network",
         _TRAINED * sum(each.nbytes for each in outline.state_dict().values()),
     )
-    return _class(name)(**settings)
+    network: nn.Module = network_class(name)(**settings)
+
+    return network
 
 
-def _outline(name: NetworkName, settings: Mapping[str, Any]) -> nn.Module:
+def _outline(name: str, settings: Mapping[str, Any]) -> nn.Module:
     """A network that has shapes but no numbers, and so takes no memory."""
     _check_sizes(settings)
 
     with torch.device("meta"):
-        return _class(name)(**settings)
+        network: nn.Module = network_class(name)(**settings)
 
-
-def _class(name: NetworkName) -> Callable[..., nn.Module]:
-    module, kind = _CLASSES[name]
-    network: Callable[..., nn.Module] = getattr(import_module(module), kind)
     return network
 
 
-def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Module) -> bytes:
+def pack_network(name: str, settings: Mapping[str, Any], network: nn.Module) -> bytes:
     """A network as the content of a file; equal weights give equal bytes."""
     content = BytesIO()
     header = np.array(json.dumps({"network": name, "settings": dict(settings)}))
@@ -110,7 +101,7 @@ def pack_network(name: NetworkName, settings: Mapping[str, Any], network: nn.Mod
     return content.getvalue()
 
 
-def unpack_network(content: bytes) -> tuple[NetworkName, dict[str, Any], nn.Module]:
+def unpack_network(content: bytes) -> tuple[str, dict[str, Any], nn.Module]:
     """Name, settings and network in the content of a file; raises `NetworkFileError` where it is
     none.
     """

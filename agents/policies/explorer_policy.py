@@ -23,7 +23,7 @@ _BATCH = 64  # maps in work at a time
 class ExplorerState:
     """What n robots know since their reset, and what they are about to do."""
 
-    seen: BeliefMap
+    belief: BeliefMap
     goals: Ints  # (n,), flat
     moves: NDArray[np.uint8]  # (n, X * Y): the move in each cell
 
@@ -61,31 +61,33 @@ class Explorer:
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
         """
-        seen_now = decode_local(observation, self.shape)
-        patches = seen_now.margin.reshape(-1, *seen_now.margin.shape[-2:])  # (n, 2r+1, 2r+1)
-        settings = seen_now.irs.reshape(-1, SETTINGS)  # (n, 3)
-        at = seen_now.cell.ravel()  # (n,)
-        to = seen_now.goal.ravel()  # (n,)
+        decoded = decode_local(observation, self.shape)
+        patches = decoded.margin.reshape(-1, *decoded.margin.shape[-2:])  # (n, 2r+1, 2r+1)
+        settings = decoded.irs.reshape(-1, SETTINGS)  # (n, 3)
+        at = decoded.cell.ravel()  # (n,)
+        to = decoded.goal.ravel()  # (n,)
 
         # What each robot remembers, and nothing in a new episode.
         old = self._blank(len(at), patches.shape[-1] // 2) if state is None else state
         if episode_start is not None and np.any(episode_start):
             old = ExplorerState(
-                old.seen.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves
+                old.belief.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves
             )
 
         # A plan holds until something new comes into view.
-        seen = old.seen.look(cells_at(at, self.shape), patches)
-        is_new = np.isnan(old.seen.maps).sum(axis=(1, 2)) != np.isnan(seen.maps).sum(axis=(1, 2))
-        changed = np.flatnonzero(is_new | (to != old.goals))
+        belief = old.belief.look(cells_at(at, self.shape), patches)
+        unknown, unknown_before = (
+            np.isnan(each.maps).sum(axis=(1, 2)) for each in (belief, old.belief)
+        )  # (n,), numbers of cells
+        changed = np.flatnonzero((unknown != unknown_before) | (to != old.goals))
         moves = old.moves.copy()
 
         for part in np.array_split(changed, -(-len(changed) // _BATCH)) if len(changed) else ():
-            moves[part] = self._plan(seen.maps[part], to[part], settings[part])
+            moves[part] = self._plan(belief.maps[part], to[part], settings[part])
 
         actions = moves[np.arange(len(at)), at].astype(np.int64)
 
-        return actions.reshape(seen_now.cell.shape), ExplorerState(seen, to, moves)
+        return actions.reshape(decoded.cell.shape), ExplorerState(belief, to, moves)
 
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""
@@ -93,9 +95,10 @@ class Explorer:
 
     def _blank(self, robots: int, radius: int) -> ExplorerState:
         cells = self.shape[0] * self.shape[1]
-        seen = BeliefMap.nothing(robots, self.shape, radius)
         return ExplorerState(
-            seen, np.full(robots, -1, dtype=np.int64), np.zeros((robots, cells), dtype=np.uint8)
+            belief=BeliefMap.nothing(robots, self.shape, radius),
+            goals=np.full(robots, -1, dtype=np.int64),
+            moves=np.zeros((robots, cells), dtype=np.uint8),
         )
 
     def _plan(

@@ -52,8 +52,8 @@ class CellPolicy:
         is asked for.
         """
         packing = Packing.of(observation, self.world_of(0).radio_map.grid.shape)
-        seen = packing.decode(observation)
-        pairs = zip(seen.cell.ravel().tolist(), seen.goal.ravel().tolist(), strict=True)
+        decoded = packing.decode(observation)
+        pairs = zip(decoded.cell.ravel().tolist(), decoded.goal.ravel().tolist(), strict=True)
         choices = np.stack(
             [
                 self._choices_for(self.world_of(n), goal)[cell]
@@ -64,7 +64,7 @@ class CellPolicy:
         # Draws in (0, 1], so that each choice has some weight.
         weight = choices * (1.0 - self.rng.random(choices.shape))
 
-        return weight.argmax(axis=-1).reshape(seen.cell.shape), state
+        return weight.argmax(axis=-1).reshape(decoded.cell.shape), state
 
     def _choices_for(self, world: World, goal: int) -> Bools:
         """Choices in each flat cell for a flat goal, shape ``(X * Y, 8)``."""

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from torch import nn
 
 from agents.networks.map_network import STILL, pack_network
-from agents.registry import NetworkName
 from irs_gym.mdp.packing import ROBOT
 
 _REMEMBERED = 2**26  # bytes of logits
@@ -33,7 +32,7 @@ class MapPolicy:
     """
 
     def __init__(
-        self, name: NetworkName, settings: dict[str, Any], network: nn.Module, seed: int = 0
+        self, name: str, settings: dict[str, Any], network: nn.Module, seed: int = 0
     ) -> None:
         self.name = name
         self.settings = settings
@@ -51,8 +50,8 @@ class MapPolicy:
         """Actions for one observation or a batch, as `agents.policies.policy.Policy` says: the
         likeliest ones, or drawn.
         """
-        seen = np.asarray(observation, dtype=np.float32)
-        batch = seen.reshape(-1, *seen.shape[-3:])  # (n, 4, X, Y)
+        maps = np.asarray(observation, dtype=np.float32)
+        batch = maps.reshape(-1, *maps.shape[-3:])  # (n, 4, X, Y)
         cells = batch[:, ROBOT].reshape(len(batch), -1).argmax(axis=1)  # (n,), flat
         plans = self._logits(batch[:, STILL])
         logits = np.stack(
@@ -63,7 +62,7 @@ class MapPolicy:
         noise = 0.0 if deterministic else self._rng.gumbel(size=logits.shape)
         actions = (logits + noise).argmax(axis=1)
 
-        return actions.reshape(seen.shape[:-3]), state
+        return actions.reshape(maps.shape[:-3]), state
 
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""

@@ -53,10 +53,10 @@ class Replanner:
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
         """
-        seen = Packing.of(observation, self.shape, self.radius).decode(observation)
-        robots = seen.cell.ravel()  # (n,)
-        goals = seen.goal.ravel()  # (n,)
-        feasible = seen.margin >= 0.0  # (..., 2r+1, 2r+1), or the whole map
+        decoded = Packing.of(observation, self.shape, self.radius).decode(observation)
+        robots = decoded.cell.ravel()  # (n,)
+        goals = decoded.goal.ravel()  # (n,)
+        feasible = decoded.margin >= 0.0  # (..., 2r+1, 2r+1), or the whole map
         views = feasible.reshape(len(robots), *feasible.shape[-2:])
 
         olds: Sequence[ReplannerState | None] = [None] * len(robots) if state is None else state
@@ -70,7 +70,7 @@ class Replanner:
         memories = tuple(self._look(old, robot, goal, view) for old, robot, goal, view in each)
         actions = [memory.moves[memory.last] for memory in memories]
 
-        return np.array(actions).reshape(seen.cell.shape), memories
+        return np.array(actions).reshape(decoded.cell.shape), memories
 
     def _look(
         self, old: ReplannerState | None, robot: int, goal: int, view: Bools

@@ -11,7 +11,8 @@ from agents.policies.policy import Policy, takes_masks
 from irs_gym.mdp.metrics import distance_ratio, soft_spl
 from irs_gym.mdp.task import Task
 
-TOLERANCE = 1e-9  # lengths are sums of floats: a path this much longer, in proportion, is as long as the oracle's
+# Lengths are sums of floats: a path this much longer, in proportion, is as long as the oracle's.
+TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

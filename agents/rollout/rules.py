@@ -1,4 +1,6 @@
-"""`RULES`: what a move does, and what it pays, to those who learn and are tested over many scenes."""
+"""`RULES`: what a move does and what it pays, for those who learn and are tested over many
+scenes.
+"""
 
 from irs_gym.datasets.random_task import RandomTask
 from irs_gym.mdp.task import Rules

@@ -1,13 +1,27 @@
 """What the files of a run folder hold: `Manifest` and `Config`."""
 
 import json
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, field_validator
+from pydantic_core import PydanticKnownError
 
-from agents.registry import Algorithm, Generalist
+from agents.registry import ALGORITHMS
 
 Status = Literal["running", "at_optimum", "finished", "interrupted", "failed"]
+
+
+def _known(name: Any) -> Any:
+    """The name of an algorithm, with the error of a literal type for any other."""
+    if not isinstance(name, str) or name not in ALGORITHMS:
+        *others, last = map(repr, ALGORITHMS)
+        expected = f"{', '.join(others)} or {last}"
+        raise PydanticKnownError("literal_error", {"expected": expected})
+
+    return name
+
+
+AlgorithmName = Annotated[str, PlainValidator(_known)]
 
 
 class Record(BaseModel):
@@ -32,7 +46,8 @@ class _Arrays(FileEntry):
     def _holds_arrays(cls, file: str) -> str:
         if not file.endswith(".npz"):
             raise ValueError(
-                f"{file} is a model of an older version, and to read it could run its code: train anew"
+                f"{file} is a model of an older version, "
+                "and to read it could run its code: train anew"
             )
         return file
 
@@ -81,7 +96,7 @@ class Manifest(Record):
 class Config(Record):
     """What ``config.json`` holds."""
 
-    algorithm: Algorithm | Generalist
+    algorithm: AlgorithmName
     seed: int
     env: dict[
         str, Any

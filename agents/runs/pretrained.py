@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from agents.policies.explorer_policy import Explorer
-from agents.registry import GENERALISTS, LOCAL, observation_of
+from agents.registry import generalists, observation_of
 from agents.rollout.episode import EpisodeResult, arguments_of, roll_out
 from agents.runs import provenance
 from agents.runs.manifest import Config, Record
@@ -126,7 +126,7 @@ class Models(Record):
         raise PretrainedError(f"no pretrained {algorithm!r} for many scenes; there are {known}")
 
     def find(self, algorithm: str, task: Task) -> PretrainedEntry:
-        """The model of an algorithm for a task's problem; the `PretrainedError` for none lists all."""
+        """The model of an algorithm for a task's problem; `PretrainedError` for none lists all."""
         wanted = problem_of(task)
 
         for entry in self.models:
@@ -224,7 +224,7 @@ def load_pretrained(
         `PretrainedError` where there is no such model, or its file is not the one of the manifest.
     """
     models = Models.read(Path(folder))
-    if algorithm in GENERALISTS:
+    if algorithm in generalists():
         return _load_generalist(models.find_generalist(algorithm), Path(folder), env)
 
     entry = models.find(algorithm, task_of(env))
@@ -281,7 +281,8 @@ def _load(
 def _load_generalist(
     entry: GeneralistPretrainedEntry, folder: Path, env: Mapping[str, Any]
 ) -> PretrainedGeneralist:
-    is_local = entry.config.algorithm in LOCAL
+    observation = observation_of(entry.config.algorithm)
+    is_local = observation != "map"
     task = random_task_of({"split": "test", **env} if "scenes" not in env else dict(env))
     if "observation" in env and (env["observation"] == "map") is is_local:
         kind = "'dict' or 'flat'" if is_local else "'map'"
@@ -294,7 +295,7 @@ def _load_generalist(
         policy = replace(policy, shape=split_of(task.split).frame)
 
     own = {
-        "observation": observation_of(entry.config.algorithm),
+        "observation": observation,
         **({} if "scenes" in env else {"split": "test"}),
     }
 

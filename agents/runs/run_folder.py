@@ -32,7 +32,7 @@ from typing import Any, TypeVar
 from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
-from agents.registry import GENERALISTS
+from agents.registry import generalists
 from agents.runs import provenance, signature, weights
 from agents.runs.manifest import Config, FileEntry, GeneralistEntry, Manifest, ModelEntry, Record
 from irs_gym.files import read_file, write_file
@@ -128,7 +128,8 @@ class Run:
         here = Path.cwd()
         if target.exists() and any(target.samefile(each) for each in (here, *here.parents)):
             raise RunError(
-                f"{str(self.folder)!r} holds the folder that this program runs in: name another folder"
+                f"{str(self.folder)!r} holds the folder that this program runs in: "
+                "name another folder"
             )
         if not self.folder.exists() or (self.folder.is_dir() and not any(self.folder.iterdir())):
             return
@@ -138,7 +139,8 @@ class Run:
             )
         if not overwrite:
             raise RunError(
-                f"{str(self.folder)!r} holds a run: name another folder, or replace it with --overwrite"
+                f"{str(self.folder)!r} holds a run: name another folder, "
+                "or replace it with --overwrite"
             )
 
     @property
@@ -148,7 +150,7 @@ class Run:
 
     @property
     def config(self) -> Config:
-        """Algorithm, seed and settings; raises `RunError` where they are not those of the manifest."""
+        """Algorithm, seed and settings; raises `RunError` where the manifest has others."""
         return self._parse("config.json", self._checked("config.json"), Config)
 
     def own_manifest(self) -> Manifest:
@@ -165,8 +167,9 @@ class Run:
             why = f"there is no key to tell by: {error}"
 
         raise RunError(
-            f"{str(self.folder)!r} is not known to be made by you on this machine ({why}), and to resume it runs code "
-            "that is stored in its checkpoint, with all your rights: add --trust if you trust whoever made it"
+            f"{str(self.folder)!r} is not known to be made by you on this machine ({why}), "
+            "and to resume it runs code that is stored in its checkpoint, with all your rights: "
+            "add --trust if you trust whoever made it"
         )
 
     def adopt(self) -> Manifest:
@@ -178,14 +181,15 @@ class Run:
     @property
     def is_generalist(self) -> bool:
         """Whether many scenes were trained on, and not one task."""
-        return self.config.algorithm in GENERALISTS
+        return self.config.algorithm in generalists()
 
     @property
     def task(self) -> Task:
         """The environment that was trained on; raises `RunError` for a generalist."""
         if self.is_generalist:
             raise RunError(
-                f"{str(self.folder)!r} is a run of {self.config.algorithm}, which learned on many scenes"
+                f"{str(self.folder)!r} is a run of {self.config.algorithm}, "
+                "which learned on many scenes"
             )
 
         arguments = dict(self.config.env)
@@ -196,7 +200,8 @@ class Run:
             elif arguments.get(name) not in (None, *(scene_names() if name == "scene" else ())):
                 where = str(self.folder / "config.json")
                 raise RunError(
-                    f"{where!r}: {name}={arguments[name]!r} is not in the folder: a run has a copy, {copy}"
+                    f"{where!r}: {name}={arguments[name]!r} is not in the folder: "
+                    f"a run has a copy, {copy}"
                 )
 
         try:
@@ -437,7 +442,7 @@ def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     arguments = dict(env)
     scene = arguments.get("scene")
     radio_map = arguments.get("radio_map")
-    if scene not in (None, *scene_names()):
+    if scene is not None and scene not in scene_names():
         as_scene(scene).save(folder / COPIES["scene"])
         arguments["scene"] = COPIES["scene"]
 

@@ -21,7 +21,7 @@ class NoKeyError(Exception):
 
 
 def sign(content: bytes) -> str:
-    """HMAC-SHA-256 of a content with this user's key; raises `NoKeyError` where there can be none."""
+    """HMAC-SHA-256 of a content with this user's key; `NoKeyError` where there can be none."""
     return hmac.new(_key(), content, sha256).hexdigest()
 
 

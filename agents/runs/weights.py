@@ -18,11 +18,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from agents.networks.map_network import FILE_BYTES
 from agents.policies.model_file import read_network
-from agents.registry import STABLE_BASELINES, model_class, observation_of, settings_class
+from agents.registry import ALGORITHMS, config_class, learner_class, observation_of
 from agents.rollout.episode import evaluation_env
 from agents.runs.manifest import Config
-from agents.single.config import NetworkConfig
-from agents.single.q_learning import QLearning
+from agents.single.config import Sb3Config
+from agents.single.model import first_layer, policy_kwargs, policy_name
 from irs_gym.datasets.splits import split_of
 from irs_gym.files import read_arrays
 from irs_gym.grid import MOVES
@@ -48,7 +48,7 @@ def pack(config: Config, model: Any) -> bytes:
     Of a model of Stable-Baselines3 it holds what acts, without its critic or target network.
     """
     content = BytesIO()
-    if config.algorithm not in STABLE_BASELINES:
+    if not ALGORITHMS[config.algorithm].is_sb3:
         model.save(content)
         return content.getvalue()
 
@@ -78,7 +78,7 @@ def load(config: Config, task: Task | None, content: bytes) -> Any:
         `WeightsError` where the file is damaged or does not fit the configuration; also where the
         task cannot be made.
     """
-    if config.algorithm in STABLE_BASELINES:
+    if ALGORITHMS[config.algorithm].is_sb3:
         return _rebuild(config, _space_of(config, task), _read(content))
 
     shape = None if task is None else build_world(task).feasible.shape
@@ -86,7 +86,7 @@ def load(config: Config, task: Task | None, content: bytes) -> Any:
         return (
             read_network(content)
             if shape is None
-            else QLearning.of(read_arrays(content, limit=FILE_BYTES), shape)
+            else learner_class(config.algorithm).of(read_arrays(content, limit=FILE_BYTES), shape)
         )
     except ValueError as error:
         raise WeightsError(str(error)) from None
@@ -104,7 +104,7 @@ def _space_of(config: Config, task: Task | None) -> spaces.Space[Any]:
     if task is not None:
         return evaluation_env(task).observation_space
 
-    seen = observation_of(config.algorithm)  # type: ignore[arg-type]  # a generalist's
+    seen = observation_of(config.algorithm)
     frame = split_of(str(config.env.get("split"))).frame
 
     return Packing(seen, 2 * Task.patch_radius + 1, _IRS_OF_MANY_SCENES, frame).space
@@ -115,7 +115,7 @@ def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDA
     import torch
 
     try:
-        agent = TypeAdapter(settings_class(config.algorithm)).validate_python(config.agent)
+        agent = TypeAdapter(config_class(config.algorithm)).validate_python(config.agent)
     except ValidationError as error:
         raise WeightsError(
             f"its settings are wrong: {error.errors(include_url=False)[0]['msg']}"
@@ -126,8 +126,8 @@ def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDA
     ):  # before networks are made that fill memory
         raise WeightsError("it does not fit its configuration, whose networks are larger")
 
-    make = model_class(config.algorithm).policy_aliases[agent.policy_name(space)]
-    policy = make(space, spaces.Discrete(len(MOVES)), lambda _: 0.0, **agent.policy_kwargs())
+    make = learner_class(config.algorithm).policy_aliases[policy_name(agent, space)]
+    policy = make(space, spaces.Discrete(len(MOVES)), lambda _: 0.0, **policy_kwargs(agent))
     wanted = {
         name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)
     }
@@ -148,9 +148,9 @@ def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDA
     return policy
 
 
-def _least(agent: NetworkConfig, space: spaces.Space[Any]) -> int:
+def _least(agent: Sb3Config, space: spaces.Space[Any]) -> int:
     """Numbers that the networks of these settings hold at the least."""
-    first = agent.features(spaces.flatdim(space))
+    first = first_layer(agent, space)
     last = len(MOVES) * getattr(agent, "n_quantiles", 1)
     return sum(before * behind for before, behind in pairwise((first, *agent.net_arch, last)))
 

@@ -1,26 +1,33 @@
-"""`DqnConfig`: the settings of deep Q-learning, and the model that they make."""
+"""`DqnConfig`: the settings of deep Q-learning."""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from agents.registry import Algorithm
-from agents.single.config import NetworkConfig
+from agents.single.config import check_schedule, check_settings, check_widths
 
 
 @dataclass(frozen=True, kw_only=True)
-class DqnConfig(NetworkConfig):
+class DqnConfig:
     """Settings of Stable-Baselines3's DQN."""
 
-    algorithm: ClassVar[Algorithm] = "dqn"
+    algorithm: ClassVar[str] = "dqn"
+    policy_settings: ClassVar[tuple[str, ...]] = ("net_arch",)
+    env_settings: ClassVar[tuple[str, ...]] = ()
 
     total_timesteps: int = 150_000
+    """Steps of the whole schedule, counted over all environments."""
+    n_envs: int = 64
+    """Environments that are stepped together."""
     learning_rate: float = 1e-3
+    """Learning rate at the start; it falls linearly."""
     final_learning_rate: float = 1e-5
+    """Learning rate at the end of the schedule."""
     gamma: float = 0.98
     """Discount factor: nearer to 1, the values that a narrow choice must tell apart span a wider
     range.
     """
     net_arch: tuple[int, ...] = (128, 128)
+    """Widths of the hidden layers of each network."""
     n_steps: int = 1
     """Rewards that a return adds up before the value of the state thereafter: with more, random
     moves among them make narrow passages look worse than they are, and the agent settles on a
@@ -45,15 +52,22 @@ class DqnConfig(NetworkConfig):
     """Share of the schedule over which it falls."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_whole("n_steps", "batch_size", "train_freq", "gradient_steps")
-        self._check_whole("buffer_size", "target_update_interval")
-        self._check_share(
-            "exploration_initial_eps", "exploration_final_eps", "exploration_fraction"
+        check_schedule(self)
+        check_widths(self)
+        check_settings(self, "whole", "n_steps", "batch_size", "train_freq", "gradient_steps")
+        check_settings(self, "whole", "buffer_size", "target_update_interval")
+        check_settings(
+            self,
+            "share",
+            "exploration_initial_eps",
+            "exploration_final_eps",
+            "exploration_fraction",
         )
         if self.learning_starts < 0:
             raise ValueError(f"learning_starts={self.learning_starts} must not be negative")
+
         if self.buffer_size < self.n_envs * self.n_steps:
             raise ValueError(
-                f"buffer_size={self.buffer_size} must be at least n_envs * n_steps = {self.n_envs} * {self.n_steps}"
+                f"buffer_size={self.buffer_size} must be at least n_envs * n_steps = "
+                f"{self.n_envs} * {self.n_steps}"
             )

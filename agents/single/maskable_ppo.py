@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from agents.registry import Algorithm
 from agents.single.ppo import PpoConfig
 
 
@@ -11,4 +10,4 @@ from agents.single.ppo import PpoConfig
 class MaskablePpoConfig(PpoConfig):
     """Settings of sb3-contrib's MaskablePPO: those of PPO."""
 
-    algorithm: ClassVar[Algorithm] = "maskable_ppo"
+    algorithm: ClassVar[str] = "maskable_ppo"

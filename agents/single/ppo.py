@@ -1,24 +1,31 @@
-"""`PpoConfig`: the settings of proximal policy optimisation, and the model that they make."""
+"""`PpoConfig`: the settings of proximal policy optimisation."""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from agents.registry import Algorithm
-from agents.single.config import NetworkConfig
+from agents.single.config import check_schedule, check_settings, check_widths
 
 
 @dataclass(frozen=True, kw_only=True)
-class PpoConfig(NetworkConfig):
+class PpoConfig:
     """Settings of Stable-Baselines3's PPO."""
 
-    algorithm: ClassVar[Algorithm] = "ppo"
+    algorithm: ClassVar[str] = "ppo"
+    policy_settings: ClassVar[tuple[str, ...]] = ("net_arch",)
+    env_settings: ClassVar[tuple[str, ...]] = ()
 
     total_timesteps: int = 2_400_000
+    """Steps of the whole schedule, counted over all environments."""
+    n_envs: int = 64
+    """Environments that are stepped together."""
     learning_rate: float = 1e-3
+    """Learning rate at the start; it falls linearly."""
     final_learning_rate: float = 5e-5
+    """Learning rate at the end of the schedule."""
     gamma: float = 0.98
     """Discount factor: nearer to 1, failures far away drown what a detour of 2 % costs."""
     net_arch: tuple[int, ...] = (128, 128)
+    """Widths of the hidden layers of each network."""
     n_steps: int = 64
     """Steps of each environment between two updates."""
     batch_size: int = 1024
@@ -35,14 +42,14 @@ class PpoConfig(NetworkConfig):
     """Largest change of an action's probability ratio that is rewarded."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_whole("n_steps", "n_epochs")
-        self._check_positive("clip_range")
-        self._check_share("gae_lambda")
+        check_schedule(self)
+        check_widths(self)
+        check_settings(self, "whole", "n_steps", "n_epochs")
+        check_settings(self, "positive", "clip_range")
+        check_settings(self, "share", "gae_lambda")
         if self.batch_size < 2 or self.n_envs * self.n_steps % self.batch_size:
             raise ValueError(
                 f"batch_size={self.batch_size} must be 2 or more and divide n_envs * n_steps = "
                 f"{self.n_envs} * {self.n_steps}, so that no minibatch is cut short"
             )
-        if not 0 <= self.ent_coef < float("inf"):
-            raise ValueError(f"ent_coef={self.ent_coef} must not be negative")
+        check_settings(self, "weight", "ent_coef")

@@ -12,8 +12,7 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.registry import Algorithm
-from agents.single.config import AgentConfig
+from agents.single.config import check_schedule, check_settings
 from irs_gym.mdp.packing import Packing
 
 if TYPE_CHECKING:
@@ -23,12 +22,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class QLearningConfig(AgentConfig):
+class QLearningConfig:
     """Settings of tabular Q-learning."""
 
-    algorithm: ClassVar[Algorithm] = "q_learning"
+    algorithm: ClassVar[str] = "q_learning"
 
     total_timesteps: int = 400_000
+    """Steps of the whole schedule, counted over all environments."""
+    n_envs: int = 64
+    """Environments that are stepped together."""
     learning_rate: float = 1.0
     """Weight of a new return against the old value, at the start; moves are certain here, so none
     need be averaged.
@@ -36,24 +38,22 @@ class QLearningConfig(AgentConfig):
     final_learning_rate: float = 1.0
     """The same at the end of the schedule."""
     gamma: float = 0.99
+    """Discount factor."""
     exploration_initial_eps: float = 1.0
     """Probability of a random move at the start; it falls linearly."""
     exploration_final_eps: float = 0.1
     """Probability of a random move at the end of the schedule."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_share(
+        check_schedule(self)
+        check_settings(
+            self,
+            "share",
             "learning_rate",
             "final_learning_rate",
             "exploration_initial_eps",
             "exploration_final_eps",
         )
-
-    def build(self, env: VecEnv, seed: int) -> QLearning:
-        """The model, untrained. ``env`` should hold `n_envs` environments."""
-        shape = env.get_attr("world")[0].feasible.shape
-        return QLearning(np.zeros((math.prod(shape), 8)), shape, self, env, seed)
 
 
 class QLearning:
@@ -86,6 +86,12 @@ class QLearning:
         self._seed = seed
         self._rng = np.random.default_rng(seed)
         self._cells: NDArray[np.int64] | None = None  # that the robots are in
+
+    @classmethod
+    def build(cls, config: QLearningConfig, env: VecEnv, seed: int) -> QLearning:
+        """An empty table to train. ``env`` should hold as many environments as the settings say."""
+        shape = env.get_attr("world")[0].feasible.shape
+        return cls(np.zeros((math.prod(shape), 8)), shape, config, env, seed)
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> QLearning:
@@ -168,7 +174,7 @@ class QLearning:
         np.savez_compressed(file, table=self.table)
 
     def _step(self, env: VecEnv, cells: NDArray[np.int64]) -> None:
-        """Move each robot once, and set the value of its move to the return that it has now seen."""
+        """Move each robot once, and set the value of its move to the return that follows it."""
         actions = self._act(cells, self.exploration_rate)
         observation, reward, done, infos = env.step(actions)
         self.num_timesteps += env.num_envs

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from agents.registry import Algorithm
+from agents.single.config import check_settings
 from agents.single.dqn import DqnConfig
 
 
@@ -11,7 +11,7 @@ from agents.single.dqn import DqnConfig
 class QrDqnConfig(DqnConfig):
     """Settings of sb3-contrib's QR-DQN: those of DQN, and the number of quantiles."""
 
-    algorithm: ClassVar[Algorithm] = "qr_dqn"
+    algorithm: ClassVar[str] = "qr_dqn"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "n_quantiles")
 
     n_quantiles: int = 20
@@ -19,4 +19,4 @@ class QrDqnConfig(DqnConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check_whole("n_quantiles")
+        check_settings(self, "whole", "n_quantiles")

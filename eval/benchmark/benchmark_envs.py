@@ -18,9 +18,8 @@ from irs_gym.mdp.packing import Packing
 
 ID = "irs_gym:IrsNav-v0"
 CYCLE = 401  # steps of a whole episode of IrsNav-v0 under random actions, the reset included
-BenchmarkEnvs = dict[
-    str, tuple[str, Callable[[], Steps]]
-]  # by name: the package it needs, and how to prepare it
+BenchmarkEnvs = dict[str, tuple[str, Callable[[], Steps]]]
+"""By name: the package that it needs, and how to prepare it."""
 
 SINGLE: BenchmarkEnvs = {
     "IrsNav-v0": ("irs_gym", lambda: single(ID)),
@@ -83,11 +82,10 @@ def single(env_id: str, **arguments: Any) -> Steps:
     env.reset(seed=0)
     env.action_space.seed(0)
     samples = [env.action_space.sample() for _ in range(1024)]
-    actions = cycle(
-        [int(each) for each in samples]
-        if isinstance(env.action_space, spaces.Discrete)
-        else samples
-    )
+
+    # plain integers, as a loop of one's own would pass them
+    is_discrete = isinstance(env.action_space, spaces.Discrete)
+    actions = cycle([int(each) for each in samples] if is_discrete else samples)
 
     def steps(calls: int) -> int:
         for action in islice(actions, calls):
@@ -104,7 +102,7 @@ def batch(env_id: str, num_envs: int, **arguments: Any) -> Steps:
     """A vector environment as `gymnasium.make_vec` gives it, with what it does at the end of
     episodes.
     """
-    env = gymnasium.make_vec(env_id, num_envs=num_envs, **arguments)
+    env: Any = gymnasium.make_vec(env_id, num_envs=num_envs, **arguments)
     env.reset(seed=0)
     actions = cycle(_actions(env.single_action_space.n, num_envs))
 
@@ -126,7 +124,9 @@ def bare_take(num_envs: int) -> Steps:
     env: Any = gymnasium.make_vec(ID, num_envs=num_envs)
     env.reset(seed=0)
     table = build_observer(env.world, env.world.goal).table
-    assert table is not None
+    if table is None:
+        raise ValueError(f"{ID} keeps no table of observations to gather from")
+
     states = cycle([_cells(env.step(action)[0], env.world) for action in _actions(8, num_envs)])
     buffer = np.empty((num_envs, table.shape[1]), dtype=table.dtype)
 

@@ -103,7 +103,8 @@ def imports(repeats: int) -> list[EventCost]:
 
 
 def _reset(what: str, repeats: int, reset: Callable[[], Any]) -> EventCost:
-    with mock.patch.object(shortest_path, "dijkstra", wraps=shortest_path.dijkstra) as runs:
+    module: Any = shortest_path  # `dijkstra` there is scipy's, and not exported
+    with mock.patch.object(module, "dijkstra", wraps=module.dijkstra) as runs:
         seconds = [_seconds(reset) for _ in range(repeats)]
 
     return EventCost(what, Spread.of(seconds), runs.call_count / repeats)
@@ -128,7 +129,10 @@ def _seconds(call: Callable[[], Any]) -> float:
 
 
 def _import_seconds(package: str) -> float:
-    code = f"from time import perf_counter as now; began = now(); import {package}; print(now() - began)"
+    code = (
+        "from time import perf_counter as now; began = now(); "
+        f"import {package}; print(now() - began)"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT
     )

@@ -35,13 +35,14 @@ def jumanji_batch(num_envs: int) -> Steps:
 def _scanned(step: Callable[[Any, Any], Any], first: Any, actions: int, num_envs: int) -> Steps:
     """Repeated runs of a compiled loop of `STRIDE` steps under random actions."""
 
-    @jax.jit
-    def stride(state: Any, key: Any) -> Any:
-        chosen = jax.random.randint(key, (STRIDE, num_envs), 0, actions)
-        return jax.lax.scan(
-            lambda carry, action: (step(carry, action), jnp.zeros(())), state, chosen
-        )[0]
+    def move(state: Any, action: Any) -> tuple[Any, Any]:
+        return step(state, action), jnp.zeros(())  # scan wants an output beside the state
 
+    def several_steps(state: Any, key: Any) -> Any:
+        chosen = jax.random.randint(key, (STRIDE, num_envs), 0, actions)
+        return jax.lax.scan(move, state, chosen)[0]
+
+    stride = jax.jit(several_steps)
     state = first
     key = jax.random.PRNGKey(1)
 
@@ -53,7 +54,7 @@ def _scanned(step: Callable[[Any, Any], Any], first: Any, actions: int, num_envs
             key, own = jax.random.split(key)
             state = stride(state, own)
 
-        jax.block_until_ready(state)
+        jax.block_until_ready(state)  # JAX returns before it has computed
 
         return strides * STRIDE * num_envs
 

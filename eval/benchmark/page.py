@@ -1,39 +1,13 @@
-"""`tables` and `markdown`: what `python -m eval speed` found, for the terminal and as a page."""
+"""`tables` and `speed_page`: what `python -m eval speed` found, for the terminal and as a page."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rich.table import Table
 
 from eval.benchmark.timing import Rates, Spread
-
-INTRODUCTION = """# Speed
-
-Written by `python -m eval speed`. All contenders of a table take turns in one process, {rounds} rounds of about
-{seconds:g} s each, so that whatever else the machine does meets them alike. Rates are medians over the rounds; a ratio
-is that of the same round, and its median and quartiles are given. Actions are random, and drawn beforehand.
-Environments are made by `gymnasium.make` and `gymnasium.make_vec` with the default arguments unless the name says
-otherwise, and episodes that end are reset within the time taken: the check of the actions, the gathering of the
-observations into new memory and the observations of ended episodes (`SAME_STEP`) are all in.
-
-{machine}
-
-## Bars
-
-"""
-NOTES = """
-## What to know about the figures
-
-- All infos that a row has are computed at each step, for every environment: by default the six keys that cost
-  little, with `infos="all"` all eleven, with `infos=[]` none.
-- "bare np.take" gathers the same rows of observations into one buffer that is used again and again, and does nothing
-  else: no environment that looks its observations up can be faster.
-- CartPole computes a few numbers where IrsNav looks up {width} for each observation; its episodes are shorter, so it
-  is reset more often, and each reset is in its time.
-- EnvPool and the JAX environments may use all cores. Navix and Jumanji are timed in their best case, as compiled
-  loops of 16 steps with nothing of Python in between.
-- A run of Dijkstra's algorithm is needed once for each goal; distances are kept for the latest eight goals.
-"""
+from eval.markdown import template
 
 
 @dataclass(frozen=True)
@@ -42,7 +16,7 @@ class Rows:
 
     title: str
     heads: tuple[str, ...]
-    cells: list[tuple[str, ...]]
+    cells: Sequence[tuple[str, ...]]
     note: str = ""
 
     def for_terminal(self) -> Table:
@@ -59,20 +33,22 @@ class Rows:
 
     def for_page(self) -> str:
         """The table in Markdown, without its title."""
+        # a colon aligns the numbers of a column to the right
         rows = [self.heads, ("---", *("---:" for _ in self.heads[1:])), *self.cells]
-        note = f"\n{self.note}\n" if self.note else ""
-        return "".join(f"| {' | '.join(row)} |\n" for row in rows) + note
+        note = f"\n\n{self.note}" if self.note else ""
+        return "\n".join(f"| {' | '.join(row)} |" for row in rows) + note
 
 
-def markdown(results: dict[str, Any]) -> str:
-    """The page."""
+def speed_page(results: dict[str, Any]) -> str:
+    """The page of the results (see `eval.commands.speed`)."""
     bars, *others = tables(results)
-    page = INTRODUCTION.format(**results["settings"], machine=_machine(results)) + bars.for_page()
-
-    for each in others:
-        page += f"\n## {each.title}\n\n{each.for_page()}"
-
-    return page + NOTES.format(**results)
+    return template("speed.md").format(
+        **results["settings"],
+        machine=_machine(results),
+        bars=bars.for_page(),
+        tables="\n\n".join(f"## {each.title}\n\n{each.for_page()}" for each in others),
+        width=results["width"],
+    )
 
 
 def tables(results: dict[str, Any]) -> list[Rows]:
@@ -109,22 +85,25 @@ def _race_rows(title: str, found: dict[str, Any]) -> Rows:
 
 def _cost_rows(kind: str, found: list[dict[str, Any]]) -> Rows:
     counts_runs = any(each["dijkstra_runs"] is not None for each in found)
-    cells = []
+    heads = ("", "time", "Dijkstra runs") if counts_runs else ("", "time")
+    cells: list[tuple[str, ...]] = []
 
     for each in found:
         time = Spread(**each["seconds"])
-        row = (each["what"], f"{_time(time.median)} ({_time(time.low)} to {_time(time.high)})")
-        cells.append((*row, f"{each['dijkstra_runs']:g}") if counts_runs else row)
+        shown = f"{_time(time.median)} ({_time(time.low)} to {_time(time.high)})"
+        runs = (f"{each['dijkstra_runs']:g}",) if counts_runs else ()
+        cells.append((each["what"], shown, *runs))
 
-    return Rows(kind.capitalize(), ("", "time", "Dijkstra runs")[: 2 + counts_runs], cells)
+    return Rows(kind.capitalize(), heads, cells)
 
 
 def _machine(results: dict[str, Any]) -> str:
     machine = results["machine"]
     versions = ", ".join(f"{name} {version}" for name, version in results["versions"].items())
     return (
-        f"Machine: {machine['cpu']}, {machine['cores']} cores, load {machine['load_before']:.1f} before and "
-        f"{machine['load_after']:.1f} after. Versions: {versions}. Commit: {results['commit'] or 'unknown'}."
+        f"Machine: {machine['cpu']}, {machine['cores']} cores, "
+        f"load {machine['load_before']:.1f} before and {machine['load_after']:.1f} after. "
+        f"Versions: {versions}. Commit: {results['commit'] or 'unknown'}."
     )
 
 

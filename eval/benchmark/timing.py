@@ -59,9 +59,8 @@ def time_in_turns(contenders: dict[str, Steps], rounds: int, seconds: float) -> 
 
     for _ in range(rounds):
         for name, steps in contenders.items():
-            steps(
-                -(-calls[name] // 4)
-            )  # caches warm up, and threads of the one before come to rest
+            # caches warm up, and threads of the one before come to rest
+            steps(-(-calls[name] // 4))
             transitions, elapsed = _timed(steps, calls[name])
             rates[name].append(transitions / elapsed)
 
@@ -74,7 +73,7 @@ def _enough_calls(steps: Steps, seconds: float) -> int:
 
     while True:
         _, elapsed = _timed(steps, calls)
-        if elapsed >= seconds / 2:
+        if elapsed >= seconds / 2:  # long enough to tell the rest from
             return max(1, round(calls * seconds / elapsed))
         calls *= 2
 

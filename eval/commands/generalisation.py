@@ -17,12 +17,13 @@ from tyro.conf import Positional, arg
 from agents.registry import observation_of
 from agents.rollout.episode import TOLERANCE, roll_out
 from agents.rollout.scene_set import SceneSetResults
-from eval.commands.board import commands_of, origins
-from eval.scoreboard.results import LeftOut
-from eval.scoreboard.seed_scores import estimate_as_json
+from eval.estimates import estimate_as_json
+from eval.origin import commands_of, origins
+from eval.pictures import write_pictures
+from eval.scoreboard.results import LeftOut, tell_left_out
 from eval.statistics import estimate, paired_difference
-from eval.unseen.gallery import Scenery, choose, draw_gallery
-from eval.unseen.page import draw_scenes_curve, markdown
+from eval.unseen.gallery import Scenery, choose_scenes, draw_gallery
+from eval.unseen.page import draw_scenes_curve, unseen_page
 from eval.unseen.policy_results import (
     PolicyResult,
     Track,
@@ -44,6 +45,9 @@ LARGEST = "160x160"
 LARGEST_SCENES = 20
 GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
 PAGE_REFERENCES = ("replanning", "untrained_explorer", "greedy", "greedy_margin")
+
+ScenePools = Mapping[Track, Mapping[str, SceneSet]]
+"""What each track is scored on, by the names of the sets."""
 
 
 def main(
@@ -86,9 +90,10 @@ def main(
             raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
 
         torch.set_num_threads(1)  # of PyTorch in a run: more wait for each other
-        pools = {
-            track: page_scene_sets(track, num_scenes, min(num_scenes, local_large_scenes))
-            for track in ("map", "local")
+        large_scenes = min(num_scenes, local_large_scenes)
+        pools: ScenePools = {
+            "map": page_scene_sets("map", num_scenes, large_scenes),
+            "local": page_scene_sets("local", num_scenes, large_scenes),
         }
         entrants, damaged = result_of_runs(runs, pools, jobs, "playing")
         left_out += damaged
@@ -108,25 +113,24 @@ def main(
             "scenes.png": draw_scenes_curve(record["entrants"]),
             "gallery.png": gallery(entrants, pools),
         }
-        (out / FIGURES).mkdir(parents=True, exist_ok=True)
-
-        for name, content in figures.items():
-            write_file(out / FIGURES / name, content)
-
-        text = json.dumps(record, indent=1, allow_nan=False) + "\n"
-        write_file(out / "generalisation.json", text.encode())
-        write_file(out / "generalisation.md", markdown(record, FIGURES).encode())
+        write(record, figures, out)
     except (OSError, ValueError) as error:
         print(f"python -m eval generalisation: {error}", file=sys.stderr)
         return 2
 
-    for each in left_out:
-        print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
-
+    tell_left_out(left_out)
     played = sum(len(each.runs) for each in entrants)
     print(f"{played} runs, {len(left_out)} left out; written: {out / 'generalisation.md'}")
 
     return 0
+
+
+def write(record: dict[str, Any], figures: dict[str, bytes], out: Path) -> None:
+    """Write the figures, the data and the page."""
+    write_pictures(out / FIGURES, figures)
+    data = json.dumps(record, indent=1, allow_nan=False) + "\n"
+    write_file(out / "generalisation.json", data.encode())
+    write_file(out / "generalisation.md", unseen_page(record, FIGURES).encode())
 
 
 def page_scene_sets(track: Track, num_scenes: int, local_large_scenes: int) -> dict[str, SceneSet]:
@@ -153,9 +157,7 @@ def largest_scene_set(scenes: int) -> SceneSet:
 
 
 def record_of(
-    entrants: Sequence[PolicyResult],
-    left_out: Sequence[LeftOut],
-    pools: Mapping[Track, Mapping[str, SceneSet]],
+    entrants: Sequence[PolicyResult], left_out: Sequence[LeftOut], pools: ScenePools
 ) -> dict[str, Any]:
     """All that the page tells, as JSON holds it."""
     rival = next(each for each in entrants if each.algorithm == "replanning")
@@ -173,9 +175,7 @@ def record_of(
     }
 
 
-def gallery(
-    entrants: Sequence[PolicyResult], pools: Mapping[Track, Mapping[str, SceneSet]]
-) -> bytes:
+def gallery(entrants: Sequence[PolicyResult], pools: ScenePools) -> bytes:
     """Four test scenes of one policy in a row: two long detours that it mastered, and its two
     worst.
     """
@@ -189,11 +189,10 @@ def gallery(
         pool = pools[each.track]["test"]
         run = each.runs[0]
         policy = run.load_model()
-        env = gymnasium.make(
-            "irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation_of(each.algorithm)
-        )
+        observation = observation_of(run.config.algorithm)
+        env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation)
 
-        for n in choose(each.episodes["test"][0].spl, detours(pool)):
+        for n in choose_scenes(each.episodes["test"][0].spl, detours(pool)):
             episode = roll_out(policy, env, options={"scene_id": n})
             inner: Any = env.unwrapped
             sceneries.append(
@@ -239,9 +238,10 @@ def _results(
     found: dict[str, Any] = {}
 
     for label, chosen in (("all", np.ones(len(pool), dtype=bool)), ("hard", detours(pool) > HARD)):
-        if not chosen.any():
+        if not chosen.any():  # (scenes,)
             continue
 
+        # The ratio says nothing of failures; a seed without a success has none.
         won = chosen & (success > 0)  # (seeds, scenes)
         ratios = [
             float(row[each].mean()) for row, each in zip(ratio, won, strict=True) if each.any()
@@ -268,20 +268,20 @@ def _paper(entrant: PolicyResult, pool: SceneSet) -> list[dict[str, Any]]:
     these.
     """
 
-    def told(n: int) -> dict[str, Any]:
-        each: list[SceneSetResults] = [
-            some for some in entrant.episodes["paper"] if some.is_success[n]
+    def at_target(n: int) -> dict[str, Any]:
+        won: list[SceneSetResults] = [
+            each for each in entrant.episodes["paper"] if each.is_success[n]
         ]
-        ratios = [float(some.ratios[n]) for some in each]
+        ratios = [float(each.ratios[n]) for each in won]
         return {
             "target_db": float(pool.target_db[n]),
-            "successes": len(each),
+            "successes": len(won),
             "exact": sum(ratio <= 1.0 + TOLERANCE for ratio in ratios),
             "of": len(entrant.episodes["paper"]),
             "ratio": float(np.mean(ratios)) if ratios else None,
         }
 
-    return [told(n) for n in range(len(pool))]
+    return [at_target(n) for n in range(len(pool))]
 
 
 def _pace(entrant: PolicyResult) -> dict[str, float | None]:

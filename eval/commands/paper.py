@@ -7,7 +7,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from eval.markdown import Promise, page
+from eval.markdown import Promise, page, template
 from eval.paper import beyond_sections as beyond
 from eval.paper import monte_carlo, scaling, sections
 from eval.paper.claim import Claim
@@ -31,6 +31,14 @@ from irs_gym import load_scene
 from irs_gym.files import write_file
 
 PARTS = (map_claims, path_claims, threshold_claims, distance_claims, element_claims, model_claims)
+DRAWINGS = (
+    draw_scene,
+    draw_gain_maps,
+    draw_paths,
+    draw_distance_over_target,
+    draw_distance_over_elements,
+    draw_optimal_gain,
+)
 OWN_SCENE = "workshop"
 OWN_TARGET_DB = -63.0
 
@@ -63,19 +71,22 @@ def main(
     """
     try:
         study = Study(load_scene(scene))
-        check(study, cost, draws)
+        check_study(study, cost, draws)
         return write(study, out, cost, draws, seed)
     except (OSError, ValueError) as error:
         print(f"python -m eval paper: {error}", file=sys.stderr)
         return 2
 
 
-def check(study: Study, cost: bool, draws: int) -> None:
+def check_study(study: Study, cost: bool, draws: int) -> None:
     """Refuse what the paper's claims cannot be told of, before any work."""
-    parts = (len(study.scene.access_points), len(study.scene.irs_panels))
-    if parts != (1, 1):
+    scene = study.scene
+    access_points = len(scene.access_points)
+    panels = len(scene.irs_panels)
+    if (access_points, panels) != (1, 1):
         raise ValueError(
-            f"scene {study.scene.name!r} has {parts[0]} access points and {parts[1]} panels, not 1 and 1"
+            f"scene {scene.name!r} has {access_points} access points and {panels} panels, "
+            "not 1 and 1"
         )
     if draws < 2 * monte_carlo.BATCH:
         raise ValueError(f"draws={draws} must be {2 * monte_carlo.BATCH} or more")
@@ -85,28 +96,23 @@ def check(study: Study, cost: bool, draws: int) -> None:
     if missing:
         raise ValueError(f'{", ".join(missing)} not installed: pip install -e ".[train,test]"')
 
-    _ = study.start, study.goal  # cells of the grid
+    _ = study.start, study.goal  # raises where they lie outside of the grid
 
 
 def write(study: Study, out: Path, cost: bool, draws: int, seed: int) -> int:
     """Write page and figures; the exit status."""
     figures = out / "figures"
     figures.mkdir(parents=True, exist_ok=True)
+
+    # what is computed
     claims = [claim for part in PARTS for claim in part(study)]
     formulas = (monte_carlo.lemma_1, monte_carlo.tau, monte_carlo.quantiser)
-    evidence = [estimate(study, draws, seed) for estimate in formulas]
+    evidence = [formula(study, draws, seed) for formula in formulas]
     own = Study(load_scene(OWN_SCENE))
     panels = monte_carlo.several_panels(own, draws, seed)
     lost = {bits: monte_carlo.lost_amplitude_db(bits, 25 * draws, seed) for bits in (1, 2, 3)}
 
-    for draw in (
-        draw_scene,
-        draw_gain_maps,
-        draw_paths,
-        draw_distance_over_target,
-        draw_distance_over_elements,
-        draw_optimal_gain,
-    ):
+    for draw in DRAWINGS:
         draw(study, figures)
 
     draw_evidence(evidence, figures)
@@ -117,8 +123,9 @@ def write(study: Study, out: Path, cost: bool, draws: int, seed: int) -> int:
         write_file(out / "cost.json", (json.dumps(scaling.measure_all(), indent=2) + "\n").encode())
 
     measured = scaling.read_costs(out / "cost.json") if (out / "cost.json").is_file() else None
+
     text = page(
-        sections.INTRODUCTION,
+        template("paper.md"),
         sections.claims_section(claims),
         *sections.FIGURES,
         sections.corrections_section([*evidence, panels], lost),

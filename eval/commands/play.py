@@ -59,10 +59,11 @@ def main(
             scene=scene,
             target_db=target_db,
             constraint=constraint,
-            goal_bonus=1e3,  # a player ends no episode for the reward, so any target may go with any constraint
+            # a player ends no episode for the reward, so any target may go with any constraint
+            goal_bonus=1e3,
             random_start=random_start,
         )
-        env = HumanRendering(pictures)
+        env: Any = HumanRendering(pictures)  # its `close` has no types
         print(KEYS)
         play_by_keyboard(env, seed)
     except DependencyNotInstalled:
@@ -95,7 +96,7 @@ def play_by_keyboard(
     actions = {
         pygame.key.key_code(name): action for action, names in NAMES.items() for name in names
     }
-    pygame.key.set_repeat(300, 100)
+    pygame.key.set_repeat(300, 100)  # a key held down moves on, ten times a second
     is_over = False
     info = start
 

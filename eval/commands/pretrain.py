@@ -3,14 +3,16 @@
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from tyro.conf import Positional, arg
 
+from agents.registry import ALGORITHMS
 from agents.rollout.episode import arguments_of
+from agents.runs.manifest import GeneralistEntry
 from agents.runs.pretrained import (
     MODELS,
     GeneralistPretrainedEntry,
@@ -22,33 +24,35 @@ from agents.runs.pretrained import (
 )
 from agents.runs.problem import Problem
 from agents.runs.run_folder import Run
-from eval.scoreboard.results import Result, find_runs, read_results
+from eval.scoreboard.results import Result, find_runs, read_results, tell_left_out
 from eval.unseen.policy_results import find_generalists
 from irs_gym.radio.scene import scene_names
+
+# All but the tables of one's own that act in one scene; networks of our own before those of SB3.
+_BY_TRACK = sorted(
+    ALGORITHMS, key=lambda name: (ALGORITHMS[name].track != "scene", ALGORITHMS[name].is_sb3)
+)
+if TYPE_CHECKING:
+    Kept = str
+else:
+    Kept = Literal[
+        tuple(name for name in _BY_TRACK if ALGORITHMS[name].is_sb3 or ALGORITHMS[name].is_taught)
+    ]
 
 
 def main(
     folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
     out: Path = MODELS,
-    algorithms: tuple[
-        Literal[
-            "ppo",
-            "maskable_ppo",
-            "dqn",
-            "qr_dqn",
-            "planner",
-            "planner_ppo",
-            "unet",
-            "unet_ppo",
-            "vin",
-            "explorer",
-            "explorer_ppo",
-            "map_ppo",
-            "local_ppo",
-            "recurrent_ppo",
-        ],
-        ...,
-    ] = ("ppo", "dqn", "planner", "planner_ppo", "unet", "unet_ppo", "explorer", "explorer_ppo"),
+    algorithms: tuple[Kept, ...] = (
+        "ppo",
+        "dqn",
+        "planner",
+        "planner_ppo",
+        "unet",
+        "unet_ppo",
+        "explorer",
+        "explorer_ppo",
+    ),
 ) -> int:
     """Keep the best policy of each algorithm on each problem among all runs below a folder.
 
@@ -71,32 +75,31 @@ def main(
         others = [each for each in find_runs(folder) if each not in known]
         runs = [run for run in runs if run.config.algorithm in algorithms]
         results, left_out = read_results(track(others, "reading runs", transient=True))
-        chosen = choose([each for each in results if each.config.algorithm in algorithms])
+        wanted = [each for each in results if each.config.algorithm in algorithms]
+        chosen = choose_results(wanted)
         if not chosen and not runs:
-            raise ValueError(
-                f"no complete run of {' or '.join(algorithms)} below {str(folder)!r} reached the goal"
-            )
+            names = " or ".join(algorithms)
+            raise ValueError(f"no complete run of {names} below {str(folder)!r} reached the goal")
 
-        entries = keep(chosen, out)
+        entries = keep_results(chosen, out)
         generalists = keep_generalists(runs, out)
     except (OSError, ValueError) as error:
         print(f"python -m eval pretrain: {error}", file=sys.stderr)
         return 2
 
-    for each in left_out:
-        print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
-
+    tell_left_out(left_out)
     if entries:
         Console().print(_table(entries, out))
 
-    for each in generalists:
-        place = f"the best of {each.chosen_among}: success {each.success:.3f}, SPL {each.spl:.4f}"
-        print(f"{out / each.file}: seed {each.config.seed}, {place}")
+    for entry in generalists:
+        score = f"success {entry.success:.3f}, SPL {entry.spl:.4f}"
+        rank = f"seed {entry.config.seed}, the best of {entry.chosen_among}"
+        print(f"{out / entry.file}: {rank}: {score}")
 
     return 0
 
 
-def choose(results: Sequence[Result]) -> list[tuple[Result, int]]:
+def choose_results(results: Sequence[Result]) -> list[tuple[Result, int]]:
     """The best successful result of each algorithm on each problem, and how many runs it was chosen
     among.
 
@@ -121,7 +124,7 @@ def choose(results: Sequence[Result]) -> list[tuple[Result, int]]:
     return sorted(best, key=lambda pair: (pair[0].config.algorithm, pair[0].problem.order))
 
 
-def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntry]:
+def keep_results(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntry]:
     """Write the models and their manifest, and play each from its file; returns the entries
     written.
 
@@ -136,36 +139,43 @@ def keep(chosen: Sequence[tuple[Result, int]], out: Path) -> list[PretrainedEntr
     contents = {}
 
     for result, count in chosen:
-        manifest = result.run.manifest
-        content = result.run.read_model()
-        entry = PretrainedEntry(
-            file=f"{result.config.algorithm}-{result.problem.slug}.npz",
-            sha256=manifest.models["best"].sha256,
-            config=result.config,
-            steps=manifest.models["best"].steps,
-            chosen_among=count,
-            score=PretrainedScore.of(result.episode),
-            versions=manifest.versions,
-            commit=manifest.commit,
-        )
+        entry = _entry(result, count)
         entries.append(entry)
-        contents[entry.file] = content
+        contents[entry.file] = result.run.read_model()
 
-    replaced = set(contents)
-    others = [each for each in Models.read(out).models if each.file not in replaced]
+    kept = Models.read(out)
+    others = [each for each in kept.models if each.file not in contents]
     both = sorted([*others, *entries], key=lambda each: (each.config.algorithm, each.problem.order))
-    write_models(out, both, contents, Models.read(out).generalists)
+    write_models(out, both, contents, kept.generalists)
 
     for entry in entries:
-        found = load_pretrained(
-            entry.config.algorithm, folder=out, **arguments_of(entry.task)
-        ).play()
-        if PretrainedScore.of(found) != entry.score:
-            raise ValueError(
-                f"{entry.file} does not do what its run did: {PretrainedScore.of(found)} is not {entry.score}"
-            )
+        _check_kept(entry, out)
 
     return entries
+
+
+def _entry(result: Result, chosen_among: int) -> PretrainedEntry:
+    manifest = result.run.manifest
+    model = manifest.models["best"]
+    return PretrainedEntry(
+        file=f"{result.config.algorithm}-{result.problem.slug}.npz",
+        sha256=model.sha256,
+        config=result.config,
+        steps=model.steps,
+        chosen_among=chosen_among,
+        score=PretrainedScore.of(result.episode),
+        versions=manifest.versions,
+        commit=manifest.commit,
+    )
+
+
+def _check_kept(entry: PretrainedEntry, out: Path) -> None:
+    """Play a model from its file; raises ``ValueError`` where it does not do what its run did."""
+    arguments = arguments_of(entry.task)
+    model: Any = load_pretrained(entry.config.algorithm, folder=out, **arguments)
+    found = PretrainedScore.of(model.play())
+    if found != entry.score:
+        raise ValueError(f"{entry.file} does not do what its run did: {found} is not {entry.score}")
 
 
 def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistPretrainedEntry]:
@@ -187,26 +197,12 @@ def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistPretraine
     entries = []
     contents = {}
 
-    for algorithm, found in sorted(by_algorithm.items()):
+    for _, found in sorted(by_algorithm.items()):
         best = max(found, key=_rank)
         best.load_model()  # what does not fit is not kept
-        manifest = best.manifest
-        content = best.read_model()
-        model = manifest.models["best"]
-        entries.append(
-            GeneralistPretrainedEntry(
-                file=f"{algorithm}.npz",
-                sha256=model.sha256,
-                config=best.config,
-                steps=model.steps,
-                chosen_among=len(found),
-                success=model.success,
-                spl=model.spl,
-                versions=manifest.versions,
-                commit=manifest.commit,
-            )
-        )
-        contents[f"{algorithm}.npz"] = content
+        entry = _generalist_entry(best, len(found))
+        entries.append(entry)
+        contents[entry.file] = best.read_model()
 
     kept = Models.read(out)
     others = [each for each in kept.generalists if each.file not in contents]
@@ -216,9 +212,29 @@ def keep_generalists(runs: Sequence[Run], out: Path) -> list[GeneralistPretraine
     return entries
 
 
+def _generalist_entry(run: Run, chosen_among: int) -> GeneralistPretrainedEntry:
+    model = _best_model(run)
+    return GeneralistPretrainedEntry(
+        file=f"{run.config.algorithm}.npz",
+        sha256=model.sha256,
+        config=run.config,
+        steps=model.steps,
+        chosen_among=chosen_among,
+        success=model.success,
+        spl=model.spl,
+        versions=run.manifest.versions,
+        commit=run.manifest.commit,
+    )
+
+
 def _rank(run: Run) -> tuple[float, int, int]:
     """Sorts by SPL, then by the number of training scenes, then from the last seed to the first."""
-    return run.manifest.models["best"].spl, run.config.env["num_scenes"], -run.config.seed
+    return _best_model(run).spl, run.config.env["num_scenes"], -run.config.seed
+
+
+def _best_model(run: Run) -> GeneralistEntry:
+    """Of a run that `find_generalists` has found, which has one."""
+    return cast("GeneralistEntry", run.manifest.models["best"])
 
 
 def _table(entries: Sequence[PretrainedEntry], out: Path) -> Table:

@@ -4,7 +4,7 @@ a picture.
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -16,9 +16,9 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from agents.policies.model_file import read_network
-from agents.registry import GENERALISTS
+from agents.registry import generalists
 from agents.rollout.episode import evaluation_env
-from agents.rollout.scene_set import play_scene_set as play_pool
+from agents.rollout.scene_set import play_scene_set
 from agents.runs import provenance
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
@@ -89,39 +89,44 @@ def main(
     left_out: list[LeftOut] = []
     try:
         opened = _opened(runs, left_out)
-        is_unseen = [
-            isinstance(each, Player)
-            or (each.is_generalist if env is None and scenes is None else env != "IrsNav-v0")
-            for each in opened.values()
-        ]
         if env == "IrsNav-v0" and any(isinstance(each, Player) for each in opened.values()):
             raise ValueError(
                 "env='IrsNav-v0' plays run folders alone, with all reference policies beside them"
             )
 
-        pools = scene_sets_of(split, num_scenes, scenes) if any(is_unseen) else {}
+        unseen = {
+            name for name, each in opened.items() if _is_unseen(each, env, scenes is not None)
+        }
+        scene_sets = scene_sets_of(split, num_scenes, scenes) if unseen else {}
     except (OSError, ValueError) as error:
         print(f"python -m eval score: {error}", file=sys.stderr)
         return 2
 
-    for (name, each), unseen in zip(opened.items(), is_unseen, strict=True):
+    for name, each in opened.items():
         try:
             if isinstance(each, Player):
-                print(each.name)
-                Console().print(unseen_table(score_unseen(each, pools)))
-            elif unseen:
-                score_generalist(each, model, pools)
+                score_player(each, scene_sets)
+            elif name in unseen:
+                score_generalist(each, model, scene_sets)
             else:
                 score_run(each, model, episodes, seed)
-        except (
-            Exception
-        ) as error:  # a damaged run may raise any, and keeps no other from being scored
+        except Exception as error:  # a damaged run may raise any, and keeps no other from a score
             left_out.append(LeftOut.of(Path(name), error))
 
-    for told in left_out:
-        print(f"python -m eval score: {told.folder}: {told.reason}", file=sys.stderr)
+    for out in left_out:
+        print(f"python -m eval score: {out.folder}: {out.reason}", file=sys.stderr)
 
     return 2 if left_out else 0
+
+
+def _is_unseen(each: Run | Player, env: str | None, has_scenes: bool) -> bool:
+    """Whether it plays scenes that it did not learn on."""
+    if isinstance(each, Player):
+        return True
+    if env is None and not has_scenes:
+        return each.is_generalist
+
+    return env != "IrsNav-v0"
 
 
 def _opened(names: Sequence[str], left_out: list[LeftOut]) -> dict[str, Run | Player]:
@@ -141,10 +146,10 @@ def _open(name: str) -> Run | Player:
     """A run folder, or what plays unseen scenes without one."""
     if name in UNSEEN_REFERENCES:
         return reference(name)
-    if name in GENERALISTS and not Path(name).exists():
-        return Player(name, partial(play_pool, load_pretrained(name).policy))
+    if name in generalists() and not Path(name).exists():
+        return Player(name, partial(play_scene_set, load_pretrained(name).policy))
     if name.endswith(".npz"):
-        return Player(name, partial(play_pool, read_network(Path(name).read_bytes())))
+        return Player(name, partial(play_scene_set, read_network(Path(name).read_bytes())))
 
     return Run.open(name)
 
@@ -175,12 +180,13 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScor
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
-    write_file(
-        run.folder / "scores.json", (json.dumps(record, indent=2, allow_nan=False) + "\n").encode()
-    )
+    data = json.dumps(record, indent=2, allow_nan=False) + "\n"
+    write_file(run.folder / "scores.json", data.encode())
+
     paths = {"oracle": played["oracle"][0], run.config.algorithm.upper(): learned}
     world = env.unwrapped.world  # type: ignore[attr-defined]
     write_file(run.folder / "paths.png", draw_path_overlay(world, paths))
+
     print(f"{run.folder}: {model} model, after {entry.steps:,} steps, at {world.target_db:g} dB")
     Console().print(table(scores))
     print(f"written: {run.folder / 'scores.json'} and paths.png beside it")
@@ -188,7 +194,13 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScor
     return scores
 
 
-def score_generalist(run: Run, model: str, pools: dict[str, SceneSet]) -> None:
+def score_player(player: Player, scene_sets: Mapping[str, SceneSet]) -> None:
+    """Score what has no run folder on sets of unseen scenes, and print the table."""
+    print(player.name)
+    Console().print(unseen_table(score_unseen(player, scene_sets)))
+
+
+def score_generalist(run: Run, model: str, scene_sets: Mapping[str, SceneSet]) -> None:
     """Score one run on sets of unseen scenes: prints the table and writes ``unseen.json``.
 
     Raises
@@ -198,7 +210,7 @@ def score_generalist(run: Run, model: str, pools: dict[str, SceneSet]) -> None:
     ValueError
         Where the run is damaged, or its policy acts in its own scene alone.
     """
-    found = score_unseen(player_of(run, model), pools)
+    found = score_unseen(player_of(run, model), scene_sets)
     path = write_unseen(run, model, found)
     print(f"{run.folder}: {model} model, after {run.manifest.models[model].steps:,} steps")
     Console().print(unseen_table(found))

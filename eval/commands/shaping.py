@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
-from eval.markdown import page, table
+from eval.markdown import page, table, template_sections
 from eval.scoreboard.return_variance import best_ratios, count_longer
 from irs_gym.datasets.generator import CELL_SIZE
 from irs_gym.datasets.random_task import RandomTask, build_worlds
@@ -24,33 +24,7 @@ GAMMAS = (0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 OF_MANY = (0.98, 0.99, 1.0)  # discounts for the generated scenes and the spirals
 SPIRAL_SIDES = range(5, 45, 2)  # cells
 
-INTRODUCTION = """# What a discount makes of the best path
-
-The reward is minus the metres of a move, plus Phi' - Phi, plus a bonus at the goal, where Phi is minus the octile
-distance to the goal. Without a discount (gamma = 1) the shaping adds up to the same for every path from a start, so
-the oracle's has the largest return. An agent that discounts learns something else: the term that would leave the order
-of policies as it is under a discount is gamma Phi' - Phi (Ng, Harada and Russell 1999, "Policy invariance under
-reward transformations"), and a discount alone already weighs the later metres of a path less than the earlier ones.
-
-How much it matters is computed here, by value iteration over the exact transitions; nothing is sampled or learned. Made
-by `python -m eval shaping`. The columns count where the path of the largest discounted return is longer than the
-shortest; one that never arrives, because to go in circles costs less than the way out, is counted there too."""
-
-PAPER = "## The paper's factory\n\nAt {target_db:g} dB, from each of the {starts:,} cells that lead to the goal:"
-GENERATED = """## Factories never seen
-
-The first {scenes:,} scenes of the test split, from their own starts and from all cells that lead to the goal:"""
-SPIRALS = """## Spirals
-
-The shaping pays for every metre that leads away from the goal twice, at once, and gives it back later. So the worst is
-a long way that has to lead away: {count} spirals, corridors a cell wide in squares of {first} to {last} cells a side,
-from the outer corner to the centre."""
-ADVICE = """## What follows
-
-What stands under "without shaping" holds for gamma Phi' - Phi as well, which leaves the order of all policies as it is:
-in the paper's factory at 0.98 as many starts are concerned with either, few of them, and by a few per cent. Where the
-way leads away from the goal for long, as in spirals, Phi' - Phi can make it best never to arrive: take a discount
-nearer to 1 there, or `shaping=False`."""
+PAGE = "shaping.md"
 
 
 def main(out: Path = Path("docs"), scenes: int = 1000) -> int:
@@ -65,8 +39,13 @@ def main(out: Path = Path("docs"), scenes: int = 1000) -> int:
         Scenes of the test split, from the first on.
     """
     try:
+        words = template_sections(PAGE)
         text = page(
-            INTRODUCTION, paper_section(), generated_section(scenes), spirals_section(), ADVICE
+            words["What a discount makes of the best path"],
+            paper_section(),
+            generated_section(scenes),
+            spirals_section(),
+            words["What follows"],
         )
         out.mkdir(parents=True, exist_ok=True)
         write_file(out / "shaping.md", text.encode())
@@ -96,7 +75,8 @@ def paper_section() -> str:
         "without shaping",
     )
 
-    return page(PAPER.format(target_db=shaped.target_db, starts=starts), table(header, rows))
+    section = template_sections(PAGE)["The paper's factory"]
+    return section.format(target_db=shaped.target_db, starts=starts, rows=table(header, rows))
 
 
 def generated_section(scenes: int) -> str:
@@ -108,9 +88,9 @@ def generated_section(scenes: int) -> str:
         everywhere = []
 
         for world in generated_worlds(scenes):
-            ratios = best_ratios(world, gamma)
+            ratios = best_ratios(world, gamma)  # (X, Y)
             own.append(ratios[world.start])
-            everywhere.append(ratios[~np.isnan(ratios)])
+            everywhere.append(ratios[~np.isnan(ratios)])  # NaN: no start, or the goal itself
 
         starts = np.concatenate(everywhere)
         rows.append((gamma, count_longer(np.array(own)), count_longer(starts), _worst(starts)))
@@ -122,7 +102,8 @@ def generated_section(scenes: int) -> str:
         "at most so many times",
     )
 
-    return page(GENERATED.format(scenes=scenes), table(header, rows))
+    section = template_sections(PAGE)["Factories never seen"]
+    return section.format(scenes=scenes, rows=table(header, rows))
 
 
 def spirals_section() -> str:
@@ -146,11 +127,12 @@ def spirals_section() -> str:
         "longer without shaping",
         "never without shaping",
     )
-    first = SPIRAL_SIDES[0]
-    last = SPIRAL_SIDES[-1]
 
-    return page(
-        SPIRALS.format(count=len(SPIRAL_SIDES), first=first, last=last), table(header, rows)
+    return template_sections(PAGE)["Spirals"].format(
+        count=len(SPIRAL_SIDES),
+        first=SPIRAL_SIDES[0],
+        last=SPIRAL_SIDES[-1],
+        rows=table(header, rows),
     )
 
 
@@ -165,6 +147,8 @@ def generated_worlds(scenes: int) -> Iterable[World]:
 def spiral_world(side: int, *, shaping: bool = True) -> World:
     """The way through a spiral, from its outer corner to its centre."""
     cells = spiral(side)
+
+    # walls are obstacles, the corridor is above any target below 0 dB
     gain_db = np.full((side, side), -np.inf)
     gain_db[tuple(np.array(cells).T)] = 0.0
     radio_map = RadioMap.from_array(gain_db, CELL_SIZE)
@@ -187,15 +171,15 @@ def spiral(side: int) -> list[Cell]:
 
     while True:
         ahead = (i + di, j + dj)
-        beyond = (i + 2 * di, j + 2 * dj)
+        beyond = (i + 2 * di, j + 2 * dj)  # a wall stays between two windings
         if 0 <= ahead[0] < side and 0 <= ahead[1] < side and beyond not in cells:
             i, j = ahead
             cells.append(ahead)
             has_turned = False
-        elif has_turned:
+        elif has_turned:  # neither ahead nor to the left: the centre
             return cells
         else:
-            di, dj = -dj, di
+            di, dj = -dj, di  # to the left
             has_turned = True
 
 

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from eval.markdown import page, picture, table
+from eval.markdown import picture, table, template
 from eval.paper.claim import PATHS_AT_DB
 from eval.paper.map_figures import draw_maps
 from eval.paper.study import WITHOUT, Study
 from eval.paper.traced import INSET_M, MATERIALS, trace
+from irs_gym import Path as Route
 from irs_gym import RadioMap, load_scene, shortest_path, trade_off
 from irs_gym.files import write_file
 
@@ -55,10 +56,8 @@ def main(
         radio_map = RadioMap.load(out / "sionna.npz")
         settings = json.loads((out / "sionna.json").read_text(encoding="utf-8"))
     except ModuleNotFoundError as error:
-        print(
-            f'python -m eval sionna: {error}: pip install "irs_gym[sionna]", on Debian also libllvm19',
-            file=sys.stderr,
-        )
+        remedy = 'pip install "irs_gym[sionna]", on Debian also libllvm19'
+        print(f"python -m eval sionna: {error}: {remedy}", file=sys.stderr)
         return 2
     except (OSError, ValueError) as error:
         print(f"python -m eval sionna: {error}", file=sys.stderr)
@@ -75,10 +74,18 @@ def trace_into(out: Path, study: Study, samples: int, depth: int, seed: int) -> 
     traced, again = (
         trace(study.scene, study.cell_size, samples, depth, each) for each in (seed, seed + 1)
     )
+
+    # The difference of two maps has twice the variance of one.
     both = traced.free & again.free
     noise_db = float(np.std(traced.gain_db[both] - again.gain_db[both]) / np.sqrt(2))
-    settings = {"rays": samples, "reflections": depth, "seed": seed, "noise_db": noise_db}
-    settings["sionna-rt"] = version("sionna-rt")
+    settings = {
+        "rays": samples,
+        "reflections": depth,
+        "seed": seed,
+        "noise_db": noise_db,
+        "sionna-rt": version("sionna-rt"),
+    }
+
     out.mkdir(parents=True, exist_ok=True)
     traced.save(out / "sionna.npz")
     write_file(out / "sionna.json", (json.dumps(settings, indent=2) + "\n").encode())
@@ -86,29 +93,56 @@ def trace_into(out: Path, study: Study, samples: int, depth: int, seed: int) -> 
 
 def write_page(study: Study, traced: RadioMap, settings: dict[str, Any], out: Path) -> None:
     """Write OUT/sionna.md and its figure."""
-    model = study.radio_map(WITHOUT)
-    ends = (study.start, study.goal)
-    maps = {"statistical model": model, "traced by Sionna RT": traced}
-    paths = {
-        title: shortest_path(each.feasible(PATHS_AT_DB), *ends, CELL_SIZE)
-        for title, each in maps.items()
-    }
-    found = {title: path for title, path in paths.items() if path is not None}
-    draw_maps(study, maps, found, out / "figures", "sionna")
-    curves = {title: trade_off(each.gain_db, *ends, CELL_SIZE) for title, each in maps.items()}
-    rows = [
-        (
-            title,
-            f"{maps[title].gain_db[maps[title].free].mean():.2f}",
-            f"{max(curve.targets_db, default=-np.inf):.2f}",
-            f"{curve.distance_at(PATHS_AT_DB):.3f}",
-            "; ".join(f"{length:.2f} m to {target:.2f} dB" for target, length in zip(
-                curve.targets_db, curve.distances, strict=True)),
-        )
-        for title, curve in curves.items()
-    ]  # fmt: skip
+    maps = {"statistical model": study.radio_map(WITHOUT), "traced by Sionna RT": traced}
+    draw_maps(study, maps, _paths(study, maps), out / "figures", "sionna")
+    write_file(out / "sionna.md", sionna_page(study, maps, settings).encode())
+
+
+def sionna_page(study: Study, maps: dict[str, RadioMap], settings: dict[str, Any]) -> str:
+    """The page: how the second map was traced, and how far the two are apart."""
+    model, traced = maps.values()
     both = model.free & traced.free
-    apart = traced.gain_db[both] - model.gain_db[both]
+    apart_db = traced.gain_db[both] - model.gain_db[both]  # (free cells,)
+    materials = [f"{part} of {thick:g} m {name}" for part, (name, thick) in MATERIALS.items()]
+    caption = f"Both maps on one scale, and the shortest path at {PATHS_AT_DB:g} dB on each."
+
+    return template("sionna.md").format(
+        version=settings["sionna-rt"],
+        rays=settings["rays"],
+        reflections=settings["reflections"],
+        materials=", ".join(materials),
+        inset_m=INSET_M,
+        # of two maps with that noise each
+        difference_db=settings["noise_db"] * np.sqrt(2),
+        maps=_maps_table(study, maps),
+        cells=np.count_nonzero(both),
+        mean_db=apart_db.mean(),
+        spread_db=apart_db.std(),
+        picture=picture("sionna", caption),
+        example=(
+            "```python\n"
+            "import gymnasium\n\n"
+            'env = gymnasium.make("irs_gym:IrsNav-v0", radio_map="docs/sionna.npz", '
+            f"start={study.start}, goal={study.goal}, target_db={PATHS_AT_DB})\n"
+            "```"
+        ),
+    )
+
+
+def _paths(study: Study, maps: dict[str, RadioMap]) -> dict[str, Route]:
+    """The shortest path on each map that has one."""
+    paths = {}
+
+    for title, each in maps.items():
+        path = shortest_path(each.feasible(PATHS_AT_DB), study.start, study.goal, CELL_SIZE)
+        if path is not None:
+            paths[title] = path
+
+    return paths
+
+
+def _maps_table(study: Study, maps: dict[str, RadioMap]) -> str:
+    """Gains and distances on each map."""
     header = (
         "map",
         "mean gain (dB)",
@@ -116,35 +150,19 @@ def write_page(study: Study, traced: RadioMap, settings: dict[str, Any], out: Pa
         f"distance at {PATHS_AT_DB:g} dB (m)",
         "all steps",
     )
-    materials = ", ".join(
-        f"{part} of {thickness:g} m {name}" for part, (name, thickness) in MATERIALS.items()
-    )
-    text = page(
-        "# A ray tracer in place of the model",
-        "`irs_gym.from_sionna` takes the path-gain map of [Sionna RT](https://nvlabs.github.io/sionna/rt/), so that "
-        "the environment, the oracle and the trade-off run on traced maps. `python -m eval sionna` traces the paper's "
-        "room, without IRS (Sionna RT 2 has none), from meshes that it writes itself, and puts the map beside that of "
-        "the statistical model.",
-        f"Sionna RT {settings['sionna-rt']}, {settings['rays']:,} rays, up to {settings['reflections']} reflections, "
-        f"one diffraction; {materials}; isotropic antennas. The access point hangs on a wall, and rays cannot start "
-        f"within one, so it is moved {INSET_M:g} m into the room. Of another seed, a cell's gain differs by "
-        f"{settings['noise_db'] * np.sqrt(2):.2f} dB (root mean square).",
-        table(header, rows),
-        f"Over the {np.count_nonzero(both):,} free cells the traced gain lies {apart.mean():+.2f} dB from the model's "
-        f"on average, with a standard deviation of {apart.std():.2f} dB: the room reflects, and the shadows behind "
-        "metal boxes are of all depths, where the model has one law for all.",
-        picture(
-            "sionna",
-            f"Both maps on one scale, and the shortest path at {PATHS_AT_DB:g} dB on each.",
-        ),
-        "The saved map is an environment:",
-        "```python\n"
-        "import gymnasium\n\n"
-        f'env = gymnasium.make("irs_gym:IrsNav-v0", radio_map="docs/sionna.npz", start={study.start}, '
-        f"goal={study.goal}, target_db={PATHS_AT_DB})\n"
-        "```",
-        "On Debian 12, Sionna's LLVM backend needs `apt-get install libllvm19` and "
-        "`DRJIT_LIBLLVM_PATH=/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1`; LLVM 14 and 15 abort on processors with "
-        "AVX-512.",
-    )
-    write_file(out / "sionna.md", text.encode())
+    rows = []
+
+    for title, each in maps.items():
+        curve = trade_off(each.gain_db, study.start, study.goal, CELL_SIZE)
+        steps = zip(curve.targets_db, curve.distances, strict=True)
+        rows.append(
+            (
+                title,
+                f"{each.gain_db[each.free].mean():.2f}",
+                f"{max(curve.targets_db, default=-np.inf):.2f}",
+                f"{curve.distance_at(PATHS_AT_DB):.3f}",
+                "; ".join(f"{length:.2f} m to {target:.2f} dB" for target, length in steps),
+            )
+        )
+
+    return table(header, rows)

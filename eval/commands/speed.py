@@ -1,4 +1,4 @@
-"""`python -m eval speed`: how fast the environments are beside others, as a table, a page and JSON."""
+"""`python -m eval speed`: how fast the environments are beside others, on a page and as JSON."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from agents.runs import provenance
 from eval.benchmark import costs
 from eval.benchmark.benchmark_envs import ID, SINGLE, BenchmarkEnvs, prepare, vector
 from eval.benchmark.costs import EventCost
-from eval.benchmark.page import markdown, tables
+from eval.benchmark.page import speed_page, tables
 from eval.benchmark.timing import Rates, time_in_turns
 from irs_gym.files import write_file
 
@@ -69,14 +69,14 @@ def main(
         Resets and frames that are timed.
     """
     try:
-        results = measure(rounds, seconds, repeats)
+        results = measure_speeds(rounds, seconds, repeats)
     except ValueError as error:
         print(f"python -m eval speed: {error}", file=sys.stderr)
         return 2
 
     out.mkdir(parents=True, exist_ok=True)
     write_file(out / "speed.json", (json.dumps(results, indent=2, allow_nan=False) + "\n").encode())
-    write_file(out / "speed.md", markdown(results).encode())
+    write_file(out / "speed.md", speed_page(results).encode())
     console = Console()
 
     for each in tables(results):
@@ -87,7 +87,7 @@ def main(
     return 1 if any(each["is_met"] is False for each in results["bars"]) else 0
 
 
-def measure(rounds: int, seconds: float, repeats: int) -> dict[str, Any]:
+def measure_speeds(rounds: int, seconds: float, repeats: int) -> dict[str, Any]:
     """All measurements and whether they meet the bars, as JSON holds them.
 
     Raises

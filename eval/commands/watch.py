@@ -1,4 +1,4 @@
-"""`python -m eval watch`: a policy on its way, in the terminal, in a window or as an animated GIF."""
+"""`python -m eval watch`: a policy on its way, in the terminal, in a window or as a GIF."""
 
 import sys
 import time
@@ -16,7 +16,7 @@ from rich.text import Text
 from tyro.conf import Positional, arg
 
 from agents.rollout.episode import EpisodeResult, roll_out
-from eval.commands.animate import as_gif, check_fps, film
+from eval.animation import as_gif, check_fps, film
 from eval.load_policy import AT_HOME, LoadedPolicy, Place, load_policy
 from irs_gym.files import write_file
 
@@ -89,15 +89,15 @@ def show(found: LoadedPolicy, fps: int) -> EpisodeResult:
         return episode
 
     with Live(console=console, auto_refresh=False) as live:
-
+        # The wrapper keeps the signature, by which `roll_out` tells whether masks are taken.
         @wraps(policy.predict)
         def predict(*observation: Any, **settings: Any) -> Any:
-            _draw(env, live)
+            _show_frame(env, live)
             time.sleep(1 / fps)
             return policy.predict(*observation, **settings)
 
         episode = roll_out(SimpleNamespace(predict=predict), env, options=found.options)
-        _draw(env, live)
+        _show_frame(env, live)
 
     return episode
 
@@ -105,7 +105,7 @@ def show(found: LoadedPolicy, fps: int) -> EpisodeResult:
 def show_in_window(found: LoadedPolicy, fps: int) -> EpisodeResult:
     """Play an episode in a window, which stays open for a second."""
     found.env.metadata = {**found.env.metadata, "render_fps": fps}
-    window = HumanRendering(found.env)
+    window: Any = HumanRendering(found.env)  # its `close` has no types
     episode = roll_out(found.policy, window, options=found.options)
     time.sleep(1)
     window.close()
@@ -113,7 +113,7 @@ def show_in_window(found: LoadedPolicy, fps: int) -> EpisodeResult:
     return episode
 
 
-def _draw(env: gymnasium.Env[Any, Any], live: Live) -> None:
+def _show_frame(env: gymnasium.Env[Any, Any], live: Live) -> None:
     frame: Any = env.render()
     live.update(Text(fit(frame, live.console.height - 1), no_wrap=True), refresh=True)
 

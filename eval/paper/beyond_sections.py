@@ -29,9 +29,10 @@ def trade_off_section(study: Study) -> str:
 
     return page(
         "## The exact trade-off",
-        "`irs_gym.trade_off` gives the distance as a step function of the target. All shortest paths at a target make "
-        "a directed graph; the widest path in it, found by bisection, is where the step ends; so it takes one run of "
-        "Dijkstra's algorithm a step. Trying every gain of the map takes as many runs as there are distinct gains.",
+        "`irs_gym.trade_off` gives the distance as a step function of the target. All shortest "
+        "paths at a target make a directed graph; the widest path in it, found by bisection, is "
+        "where the step ends; so it takes one run of Dijkstra's algorithm a step. Trying every "
+        "gain of the map takes as many runs as there are distinct gains.",
         table(("scheme", "steps", "Dijkstra runs", "distinct gains"), rows),
     )
 
@@ -58,9 +59,10 @@ def optimal_section(study: Study) -> str:
 
     return page(
         "## Optimal levels instead of rounded ones",
-        'The best of all L^N settings of b-bit phases, found exactly in O(N log N) a cell (`quantiser="optimal"`; '
-        "arXiv 2211.04704, arXiv 2211.04167, and the comment on them by Pekcan and Ayanoglu), against the nearest "
-        "levels:",
+        "The best of all L^N settings of b-bit phases, found exactly in O(N log N) a cell "
+        '(`quantiser="optimal"`; '
+        "arXiv 2211.04704, arXiv 2211.04167, and the comment on them by Pekcan and Ayanoglu), "
+        "against the nearest levels:",
         table(header, rows),
         picture(
             "optimal_quantiser",
@@ -78,9 +80,9 @@ def grid_section(rows: Sequence[tuple[float, float, float]]) -> str:
     header = ("target up to (dB)", "oracle (m)", "any shape (m)", "the grid costs")
     return page(
         "## What the grid costs",
-        "`irs_gym.straight_line_bound` is the exact shortest path of any shape inside the feasible cells, from centre "
-        "to centre. No path of the grid can be shorter, so this is what a robot free of the eight directions could "
-        "save at most. Continuous phases:",
+        "`irs_gym.straight_line_bound` is the exact shortest path of any shape inside the "
+        "feasible cells, from centre to centre. No path of the grid can be shorter, so this is "
+        "what a robot free of the eight directions could save at most. Continuous phases:",
         table(header, lines),
         picture(
             "cost_of_grid", "The oracle's distance and the straight-line bound over the target."
@@ -92,18 +94,13 @@ def own_scene_section(study: Study, target_db: float) -> str:
     """The second scene of the package."""
     scene = study.scene
     without = Study(scene.with_irs_elements(0), study.cell_size)
+    header = ("panels", "feasible up to (dB)", "distance at low targets (m)", "at the highest (m)")
     rows = []
 
     for name, each in (("both", study), ("none", without)):
         steps = each.curve(CONTINUOUS)
-        rows.append(
-            (
-                name,
-                f"{steps.targets_db[-1]:.3f}",
-                f"{steps.distances[0]:.3f}",
-                f"{steps.distances[-1]:.3f}",
-            )
-        )
+        ends = (steps.targets_db[-1], steps.distances[0], steps.distances[-1])
+        rows.append((name, *(f"{end:.3f}" for end in ends)))
 
     lengths = [each.distance(CONTINUOUS, target_db) for each in (study, without)]
 
@@ -111,25 +108,24 @@ def own_scene_section(study: Study, target_db: float) -> str:
         "## A second scene",
         f'`irs_gym.load_scene("{scene.name}")`: {scene.room.x_max - scene.room.x_min:g} x '
         f"{scene.room.y_max - scene.room.y_min:g} m, {len(scene.access_points)} access points, "
-        f"{len(scene.irs_panels)} panels. A cell is served by the access point of the highest gain. The panels' "
-        "line-of-sight parts add coherently and their scattered parts are independent, so Lemma 1 keeps its form with "
-        "sums over the panels (last row of the corrections above).",
-        table(
-            ("panels", "feasible up to (dB)", "distance at low targets (m)", "at the highest (m)"),
-            rows,
-        ),
+        f"{len(scene.irs_panels)} panels. A cell is served by the access point of the highest "
+        "gain. The panels' line-of-sight parts add coherently and their scattered parts are "
+        "independent, so Lemma 1 keeps its form with sums over the panels (last row of the "
+        "corrections above).",
+        table(header, rows),
         picture(scene.name, f"Map and shortest path at {target_db:.2f} dB, continuous phases."),
         f"At that target the path is {lengths[0]:.3f} m long; without the panels "
         + (f"it is {lengths[1]:.3f} m." if isfinite(lengths[1]) else "there is none."),
     )
 
 
-ELSEWHERE = """
-## Maps from elsewhere
-
-A measured or traced map serves in place of the closed form (`RadioMap.from_array`, `RadioMap.load`,
-`irs_gym.from_sionna`). [sionna.md](sionna.md) shows the paper's room traced by Sionna RT beside the model.
-"""
+ELSEWHERE = (
+    "## Maps from elsewhere\n\n"
+    "A measured or traced map serves in place of the closed form (`RadioMap.from_array`, "
+    "`RadioMap.load`,\n"
+    "`irs_gym.from_sionna`). [sionna.md](sionna.md) shows the paper's room traced by Sionna RT "
+    "beside the model."
+)
 
 
 # --- cost -----------------------------------------------------------------------------------------
@@ -138,17 +134,21 @@ A measured or traced map serves in place of the closed form (`RadioMap.from_arra
 def cost_promises(costs: Sequence[ScalingCost]) -> list[Promise]:
     """What we say of time and memory."""
     maps = [cost for cost in costs if cost.task.startswith("map")]
-    paths = [cost for cost in costs if cost.distance is not None]
     small = min((cost for cost in maps if "continuous" in cost.task), key=lambda cost: cost.cells)
     peak = max(cost.peak_mib for cost in maps)
-    found = {
-        cells: [c.distance for c in paths if c.cells == cells] for cells in {c.cells for c in paths}
-    }
-    apart = max(max(lengths) - min(lengths) for lengths in found.values())
+
+    # of each size, how far the packages' distances are apart
+    lengths: dict[int, list[float]] = {}
+    for cost in costs:
+        if cost.distance is not None:
+            lengths.setdefault(cost.cells, []).append(cost.distance)
+
+    apart = max(max(each) - min(each) for each in lengths.values())
     growth = {
         task: _growth([cost for cost in costs if cost.task == task])
-        for task in {c.task for c in maps}
+        for task in sorted({cost.task for cost in maps})
     }
+    exponents = [f"{task.removeprefix('map, ')} {a:.2f}" for task, a in growth.items()]
 
     return [
         Promise(
@@ -159,9 +159,7 @@ def cost_promises(costs: Sequence[ScalingCost]) -> list[Promise]:
         Promise("any map: under 1 GiB of peak memory", f"{peak:.0f} MiB", peak < 1024),
         Promise(
             "maps: time grows linearly with the cells, as cells^a with a < 1.2",
-            ", ".join(
-                f"{task.removeprefix('map, ')} {a:.2f}" for task, a in sorted(growth.items())
-            ),
+            ", ".join(exponents),
             max(growth.values()) < 1.2,
         ),
         Promise("all packages find the same distance, to 1e-9 m", f"{apart:.0e} m", apart < 1e-9),
@@ -181,14 +179,14 @@ def _growth(costs: Sequence[ScalingCost]) -> float:
 
 def cost_section(machine: dict[str, Any], costs: Sequence[ScalingCost]) -> str:
     """Time and memory over the number of cells."""
-    sizes = sorted({cost.cells for cost in costs if cost.cells})
+    sizes = sorted({cost.cells for cost in costs if cost.cells})  # the imports alone have none
     by_task: dict[str, dict[int, ScalingCost]] = {}
 
     for cost in costs:
         by_task.setdefault(cost.task, {})[cost.cells] = cost
 
     rows = [
-        (task, *(_cell(task, cells, of_task.get(cells)) for cells in sizes))
+        (task, *(_cost_cell(task, cells, of_task.get(cells)) for cells in sizes))
         for task, of_task in by_task.items()
         if task != "imports alone"
     ]
@@ -199,17 +197,18 @@ def cost_section(machine: dict[str, Any], costs: Sequence[ScalingCost]) -> str:
 
     return page(
         "## Cost",
-        f"Seconds of the fastest of 1 to 50 runs, and peak memory of the whole process ({idle:.0f} MiB of it the "
-        "interpreter and the imports of irs_gym), each in a process of its own. Maps count from the scene file on, "
-        f"paths at {TARGET_DB:g} dB from the "
-        "feasible map on: irs_gym's graph and Dijkstra, scikit-image's `MCP_Geometric`, and networkx's graph and "
-        f"`bidirectional_dijkstra`. {machine['processor']}, {machine['cores']} cores, {where}.",
+        "Seconds of the fastest of 1 to 50 runs, and peak memory of the whole process "
+        f"({idle:.0f} MiB of it the interpreter and the imports of irs_gym), each in a process of "
+        f"its own. Maps count from the scene file on, paths at {TARGET_DB:g} dB from the feasible "
+        "map on: irs_gym's graph and Dijkstra, scikit-image's `MCP_Geometric`, and networkx's "
+        f"graph and `bidirectional_dijkstra`. {machine['processor']}, {machine['cores']} cores, "
+        f"{where}.",
         table(("task", *(f"{cells:,} cells" for cells in sizes)), rows),
         promises(cost_promises(costs)),
     )
 
 
-def _cell(task: str, cells: int, cost: ScalingCost | None) -> str:
+def _cost_cell(task: str, cells: int, cost: ScalingCost | None) -> str:
     if cost is None:
         return "left out: minutes" if (task, round(cells**0.5)) in LEFT_OUT else ""
     return f"{cost.seconds:.3g} s, {cost.peak_mib:.0f} MiB"

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
 
+import numpy as np
+
 from eval.paper.study import QUANTISERS
 from irs_gym.radio.irs import Quantiser
 
@@ -62,7 +64,8 @@ def number(
 ) -> Claim:
     """Claim of a number that is met within a tolerance; ours is given to so many digits."""
     values = [ours(quantiser) for quantiser in QUANTISERS] if callable(ours) else [ours]
-    difference = values[0] - printed
+    difference = values[0] - printed  # of the nearest level, which is what the paper means
+
     return Claim(
         text=text,
         printed=f"{printed:g}{unit}",
@@ -74,3 +77,10 @@ def number(
         is_promised=is_promised,
         remark=remark,
     )
+
+
+def statement(
+    text: str, ours: str, is_met: bool | np.bool_, *, is_promised: bool = True, remark: str = ""
+) -> Claim:
+    """Claim in words, in which the rounding of the phases has no part."""
+    return Claim(text, "", (ours,), "", bool(is_met), is_promised, remark)

@@ -2,9 +2,10 @@
 drawn channels.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +18,14 @@ from eval.paper.study import CONTINUOUS, SCHEMES, Study
 from irs_gym import TradeOff, straight_line_bound
 
 ROWS_SHOWN = 12  # rows of sub-surfaces on the axis of Fig. 6
+MARGIN_DB = 0.4  # of the axis of targets, below the lowest step
+ORACLE: dict[str, Any] = {"label": "oracle, eight directions", "color": "black", "linewidth": 2}
+BOUND: dict[str, Any] = {
+    "label": "shortest path of any shape",
+    "color": "#777777",
+    "linewidth": 2,
+    "linestyle": "--",
+}
 
 
 def draw_distance_over_target(study: Study, folder: Path) -> None:
@@ -26,50 +35,51 @@ def draw_distance_over_target(study: Study, folder: Path) -> None:
     with new_figure(7.5, 4.6) as figure:
         axes = figure.subplots()
         curves = {scheme.name: study.curve(scheme) for scheme in SCHEMES}
-        low = (
-            min(
-                (curve.targets_db[0] for curve in curves.values() if len(curve.targets_db)),
-                default=0,
-            )
-            - 0.4
-        )
+        lowest = [curve.targets_db[0] for curve in curves.values() if len(curve.targets_db)]
+        low = min(lowest, default=0) - MARGIN_DB
 
         for name, curve in curves.items():
             _draw_steps(axes, name, curve, low)
-            rows += [
-                (name, *step)
-                for step in zip(curve.targets_db.tolist(), curve.distances.tolist(), strict=True)
-            ]
+            rows += [(name, *step) for step in _steps_of(curve)]
 
+        elements = study.scene.irs_panels[0].elements
         axes.set(xlabel="target (dB)", ylabel="shortest distance (m)", xlim=(low, None))
-        axes.set_title(
-            f"M = {study.scene.irs_panels[0].elements}; × marks the highest feasible target"
-        )
+        axes.set_title(f"M = {elements}; × marks the highest feasible target")
         axes.grid(alpha=0.3)
         axes.legend()
-        save(
-            figure,
-            folder,
-            "distance_over_target",
-            ("scheme", "up_to_target_db", "distance_m"),
-            rows,
-        )
+
+        header = ("scheme", "up_to_target_db", "distance_m")
+        save(figure, folder, "distance_over_target", header, rows)
+
+
+def _steps_of(curve: TradeOff) -> Iterable[tuple[float, float]]:
+    """The highest target of each step, and its distance."""
+    return zip(curve.targets_db.tolist(), curve.distances.tolist(), strict=True)
 
 
 def _draw_steps(axes: Axes, name: str, curve: TradeOff, low: float) -> None:
     """One step function, marked at the upper end of every step."""
-    targets = np.append(low, curve.targets_db)
+    targets = curve.targets_db
     distances = curve.distances
     if not len(distances):
         return
 
-    style = LINES[name] | {"marker": ""}
-    axes.step(targets, np.append(distances[0], distances), where="pre", label=None, **style)
-    axes.plot(curve.targets_db[:-1], distances[:-1], linestyle="none", marker=LINES[name]["marker"], markersize=5,
-              color=LINES[name]["color"])  # fmt: skip
-    axes.plot(curve.targets_db[-1], distances[-1], linestyle="none", marker="x", markersize=9, markeredgewidth=2,
-              color=LINES[name]["color"])  # fmt: skip
+    _draw_line(axes, curve, low, LINES[name] | {"marker": ""})
+
+    # the scheme's own mark at each step but the last, which ends in a cross
+    dots = {"linestyle": "none", "color": LINES[name]["color"]}
+    axes.plot(targets[:-1], distances[:-1], marker=LINES[name]["marker"], markersize=5, **dots)
+    axes.plot(targets[-1], distances[-1], marker="x", markersize=9, markeredgewidth=2, **dots)
+
+    # line and mark as one in the legend
     axes.plot([], [], label=name, markersize=5, **LINES[name])
+
+
+def _draw_line(axes: Axes, curve: TradeOff, low: float, style: dict[str, Any]) -> None:
+    """The line of a step function, from a low target on."""
+    targets = np.append(low, curve.targets_db)
+    distances = np.append(curve.distances[0], curve.distances)
+    axes.step(targets, distances, where="pre", **style)
 
 
 def draw_distance_over_elements(study: Study, folder: Path) -> None:
@@ -82,15 +92,13 @@ def draw_distance_over_elements(study: Study, folder: Path) -> None:
         for scheme in SCHEMES:
             lengths = [study.distance(scheme, ELEMENTS_AT_DB, elements=m) for m in counts]
             rows += [(scheme.name, m, length) for m, length in zip(counts, lengths, strict=True)]
+
+            style = LINES[scheme.name]
             if min(lengths) < inf:
-                axes.plot(
-                    counts,
-                    np.where(np.isinf(lengths), np.nan, lengths),
-                    label=scheme.name,
-                    **LINES[scheme.name],
-                )
+                shown = np.where(np.isinf(lengths), np.nan, lengths)  # NaN is not drawn
+                axes.plot(counts, shown, label=scheme.name, **style)
             else:
-                axes.plot([], [], label=f"{scheme.name}: infeasible", **LINES[scheme.name])
+                axes.plot([], [], label=f"{scheme.name}: infeasible", **style)
 
         axes.set(
             xlabel="number of IRS elements M",
@@ -107,75 +115,52 @@ def draw_cost_of_grid(study: Study, folder: Path) -> list[tuple[float, float, fl
     """The oracle's distance and the straight-line bound, continuous phases; returns target,
     distance, bound.
     """
-    curve = study.curve(CONTINUOUS)
-    radio_map = study.radio_map(CONTINUOUS)
-    rows = [
-        (
-            target,
-            distance,
-            straight_line_bound(
-                radio_map.feasible(target), study.start, study.goal, study.cell_size
-            ),
-        )
-        for target, distance in zip(
-            curve.targets_db.tolist(), curve.distances.tolist(), strict=True
-        )
-    ]
+    rows = _bounds(study)
 
     with new_figure(7.5, 4.2) as figure:
         axes = figure.subplots()
         if rows:
-            low = rows[0][0] - 0.4
-            bound = TradeOff(curve.targets_db, np.array([each[2] for each in rows]), 0)
-
-            for steps, label, style in (
-                (curve, "oracle, eight directions", {"color": "black", "linewidth": 2}),
-                (
-                    bound,
-                    "shortest path of any shape",
-                    {"color": "#777777", "linewidth": 2, "linestyle": "--"},
-                ),
-            ):
-                targets = np.append(low, steps.targets_db)
-                distances = np.append(steps.distances[0], steps.distances)
-                axes.step(targets, distances, where="pre", label=label, **style)
-
+            low = rows[0][0] - MARGIN_DB
+            oracle = study.curve(CONTINUOUS)
+            bound = TradeOff(oracle.targets_db, np.array([each[2] for each in rows]), 0)
+            _draw_line(axes, oracle, low, ORACLE)
+            _draw_line(axes, bound, low, BOUND)
             axes.set(xlim=(low, None))
 
         axes.set(xlabel="target (dB)", ylabel="distance (m)", title="continuous phases")
         axes.grid(alpha=0.3)
         axes.legend()
-        save(
-            figure,
-            folder,
-            "cost_of_grid",
-            ("up_to_target_db", "oracle_m", "straight_line_bound_m"),
-            rows,
-        )
+
+        header = ("up_to_target_db", "oracle_m", "straight_line_bound_m")
+        save(figure, folder, "cost_of_grid", header, rows)
+
+    return rows
+
+
+def _bounds(study: Study) -> list[tuple[float, float, float]]:
+    """Target, distance and straight-line bound at each step of the trade-off."""
+    radio_map = study.radio_map(CONTINUOUS)
+    rows = []
+
+    for target_db, distance in _steps_of(study.curve(CONTINUOUS)):
+        feasible = radio_map.feasible(target_db)
+        bound = straight_line_bound(feasible, study.start, study.goal, study.cell_size)
+        rows.append((target_db, distance, bound))
 
     return rows
 
 
 def draw_evidence(evidence: Sequence[Evidence], folder: Path) -> None:
     """Running means of the draws, with their standard errors, beside our formula and its rival."""
-    rows = []
+    rows: list[tuple[str | float, ...]] = []
 
     with new_figure(11, 3.8) as figure:
         for axes, each in zip(figure.subplots(1, len(evidence)), evidence, strict=True):
-            means, errors, draws = (values[1:] for values in (each.means, each.errors, each.draws))
-            bounds = (means, means - 2 * errors, means + 2 * errors)
-            db, low, high = (10 * np.log10(value / each.ours) for value in bounds)
-            axes.fill_between(draws, low, high, color="#bbbbbb", label="± 2 standard errors")
-            axes.plot(draws, db, color="black", linewidth=1.2, label="mean of draws")
-            axes.axhline(
-                0, color="#08306b", linestyle="--", linewidth=1.5, label="corrected formula"
-            )
-            rival = 10 * np.log10(each.rival / each.ours)
-            axes.axhline(rival, color="#b35806", linestyle="-.", linewidth=2, label="as printed")
-            outcome = f"{db[-1]:+.3f} ± {(high[-1] - low[-1]) / 4:.3f} dB"
-            axes.set(title=f"{each.subject}\n{outcome}", xlabel="draws", xscale="log")
-            rows += [(each.subject, *row) for row in zip(each.draws.tolist(), *(
-                (values / each.ours).tolist() for values in (each.means, each.errors)), strict=True)]  # fmt: skip
+            _draw_running_mean(axes, each)
+            means = (each.means / each.ours).tolist()
+            errors = (each.errors / each.ours).tolist()
+            draws = each.draws.tolist()
+            rows += [(each.subject, *row) for row in zip(draws, means, errors, strict=True)]
 
         figure.axes[0].set_ylabel("dB over the corrected formula")
         figure.legend(
@@ -184,10 +169,25 @@ def draw_evidence(evidence: Sequence[Evidence], folder: Path) -> None:
             ncols=4,
             frameon=False,
         )
-        save(
-            figure,
-            folder,
-            "monte_carlo",
-            ("subject", "draws", "mean_over_ours", "standard_error_over_ours"),
-            rows,
-        )
+
+        header = ("subject", "draws", "mean_over_ours", "standard_error_over_ours")
+        save(figure, folder, "monte_carlo", header, rows)
+
+
+def _draw_running_mean(axes: Axes, evidence: Evidence) -> None:
+    # from the second batch on
+    means, errors, draws = (
+        values[1:] for values in (evidence.means, evidence.errors, evidence.draws)
+    )
+    bounds = (means, means - 2 * errors, means + 2 * errors)
+    mean_db, low_db, high_db = (10 * np.log10(value / evidence.ours) for value in bounds)
+    rival_db = 10 * np.log10(evidence.rival / evidence.ours)
+
+    axes.fill_between(draws, low_db, high_db, color="#bbbbbb", label="± 2 standard errors")
+    axes.plot(draws, mean_db, color="black", linewidth=1.2, label="mean of draws")
+    axes.axhline(0, color="#08306b", linestyle="--", linewidth=1.5, label="corrected formula")
+    axes.axhline(rival_db, color="#b35806", linestyle="-.", linewidth=2, label="as printed")
+
+    # the band is four standard errors wide
+    outcome = f"{mean_db[-1]:+.3f} ± {(high_db[-1] - low_db[-1]) / 4:.3f} dB"
+    axes.set(title=f"{evidence.subject}\n{outcome}", xlabel="draws", xscale="log")

@@ -23,37 +23,21 @@ LINES: dict[str, dict[str, Any]] = {
     "3 bit": {"color": "#762a83", "linestyle": "-.", "linewidth": 1.6, "marker": "v"},
     "continuous": {"color": "#08306b", "linestyle": ":", "linewidth": 2.0, "marker": "D"},
 }
-START = {
-    "marker": "D",
-    "markersize": 9,
-    "color": "white",
-    "markeredgecolor": "black",
-    "linestyle": "none",
+# The ends of the way in white, what is mounted in black.
+_END: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "linestyle": "none"}
+_MOUNTED: dict[str, Any] = {"color": "black", "markeredgecolor": "white", "linestyle": "none"}
+START = {"marker": "D", "markersize": 9, **_END}
+GOAL = {"marker": "s", "markersize": 9, **_END}
+ACCESS_POINT = {"marker": "^", "markersize": 11, **_MOUNTED}
+PANEL = {"marker": "s", "markersize": 10, **_MOUNTED}
+OBSTACLE: dict[str, Any] = {
+    "facecolor": "#d9d9d9",
+    "edgecolor": "#666666",
+    "hatch": "////",
+    "linewidth": 0.8,
 }
-GOAL = {
-    "marker": "s",
-    "markersize": 9,
-    "color": "white",
-    "markeredgecolor": "black",
-    "linestyle": "none",
-}
-ACCESS_POINT = {
-    "marker": "^",
-    "markersize": 11,
-    "color": "black",
-    "markeredgecolor": "white",
-    "linestyle": "none",
-}
-PANEL = {
-    "marker": "s",
-    "markersize": 10,
-    "color": "black",
-    "markeredgecolor": "white",
-    "linestyle": "none",
-}
-OBSTACLE = {"facecolor": "#d9d9d9", "edgecolor": "#666666", "hatch": "////", "linewidth": 0.8}
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 10,
     "axes.grid": False,
     "figure.dpi": 100,
@@ -68,9 +52,9 @@ STYLE = {
 @contextmanager
 def new_figure(width: float, height: float) -> Iterator[Figure]:
     """An empty figure of so many inches, in the style of all."""
-    with matplotlib.rc_context(
-        {**matplotlib.rcParamsDefault, "backend": matplotlib.get_backend(), **STYLE}
-    ):
+    # from the defaults on, so that no matplotlibrc of the user changes a figure
+    settings = {**matplotlib.rcParamsDefault, "backend": matplotlib.get_backend(), **STYLE}
+    with matplotlib.rc_context(settings):
         yield Figure(figsize=(width, height), layout="constrained")
 
 
@@ -105,8 +89,9 @@ def draw_floor(axes: Axes, scene: Scene) -> None:
     room = scene.room
 
     for n, box in enumerate(scene.obstacles):
-        corner, (width, depth, _) = box.lower[:2], box.size
-        label = "obstacle" if n == 0 else None
+        corner = box.lower[:2]
+        width, depth, _ = box.size
+        label = "obstacle" if n == 0 else None  # once in the legend
         axes.add_patch(Rectangle(corner, width, depth, zorder=2, label=label, **OBSTACLE))
 
     for style, points, label in (

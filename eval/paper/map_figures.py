@@ -33,87 +33,82 @@ from irs_gym import RadioMap, Scene
 from irs_gym.radio.scene import IrsPanel
 from irs_gym.units import Floats, wavelength_m
 
-FACES = (
-    (0, 1, 3, 2),
-    (4, 5, 7, 6),
-    (0, 1, 5, 4),
-    (2, 3, 7, 6),
-    (0, 2, 6, 4),
-    (1, 3, 7, 5),
-)  # of a box's 8 corners
+# Of a box's 8 corners, the bits of whose numbers are x, y and z: x low, x high, y low, y high ...
+FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 
 
 def draw_scene(study: Study, folder: Path) -> None:
     """The scene in three dimensions: the paper's Fig. 2."""
     scene = study.scene
-    room = study.scene.room
 
     with new_figure(7, 5) as figure:
-        axes = figure.add_subplot(projection="3d", computed_zorder=False)
-        for box in scene.obstacles:
-            corners = (
-                np.array(np.meshgrid(*zip(box.lower, box.upper, strict=True), indexing="ij"))
-                .reshape(3, 8)
-                .T
-            )
-            axes.add_collection3d(
-                Poly3DCollection(
-                    corners[np.array(FACES)],
-                    facecolor="#bdbdbd",
-                    edgecolor="#404040",
-                    linewidth=0.7,
-                )
-            )
-
-        for panel in scene.irs_panels:
-            axes.add_collection3d(
-                Poly3DCollection([_outline(panel, scene)], facecolor="black", edgecolor="black")
-            )
-
-        height = scene.antenna_height
-        for style, label, points in (
-            (ACCESS_POINT, "AP", [each.position for each in scene.access_points]),
-            (PANEL, "IRS", [each.position for each in scene.irs_panels]),
-            (START, "start", [(*scene.start, height)]),
-            (GOAL, "goal", [(*scene.goal, height)]),
-        ):
-            x, y, z = zip(*points, strict=True)
-            axes.plot(x, y, z, label=label, zorder=9, **style)
-
-            for point in points:  # a plumb line down to the floor
-                axes.plot(
-                    *zip(point, (*point[:2], 0.0), strict=True),
-                    color="#404040",
-                    linewidth=0.8,
-                    linestyle=":",
-                )
-
-        axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
-        axes.locator_params(nbins=5)
-        axes.set(
-            xlim=(room.x_min, room.x_max), ylim=(room.y_min, room.y_max), zlim=(0, room.height)
-        )
-        axes.set_box_aspect(
-            (room.x_max - room.x_min, room.y_max - room.y_min, 1.6 * room.height), zoom=1.05
-        )
-        axes.view_init(elev=32, azim=-58)
+        axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
+        _draw_boxes(axes, scene)
+        _draw_panels(axes, scene)
+        _draw_marks(axes, scene)
+        _frame_room(axes, scene)
         axes.legend(loc="upper right")
-        save(
-            figure,
-            folder,
-            "scene",
-            ("part", "x_m", "y_m", "z_m", "size_x_m", "size_y_m", "size_z_m"),
-            _parts(scene),
+        header = ("part", "x_m", "y_m", "z_m", "size_x_m", "size_y_m", "size_z_m")
+        save(figure, folder, "scene", header, _parts(scene))
+
+
+def _draw_boxes(axes: Any, scene: Scene) -> None:
+    for box in scene.obstacles:
+        ends = zip(box.lower, box.upper, strict=True)
+        corners = np.array(np.meshgrid(*ends, indexing="ij")).reshape(3, 8).T  # (8, 3)
+        faces = corners[np.array(FACES)]  # (6, 4, 3)
+        axes.add_collection3d(
+            Poly3DCollection(faces, facecolor="#bdbdbd", edgecolor="#404040", linewidth=0.7)
         )
+
+
+def _draw_panels(axes: Any, scene: Scene) -> None:
+    for panel in scene.irs_panels:
+        outline = [_outline(panel, scene)]
+        axes.add_collection3d(Poly3DCollection(outline, facecolor="black", edgecolor="black"))
+
+
+def _draw_marks(axes: Any, scene: Scene) -> None:
+    """Access points, panels, start and goal, each with a plumb line down to the floor."""
+    height = scene.antenna_height
+    marks = (
+        (ACCESS_POINT, "AP", [each.position for each in scene.access_points]),
+        (PANEL, "IRS", [each.position for each in scene.irs_panels]),
+        (START, "start", [(*scene.start, height)]),
+        (GOAL, "goal", [(*scene.goal, height)]),
+    )
+
+    for style, label, points in marks:
+        axes.plot(*zip(*points, strict=True), label=label, zorder=9, **style)
+
+        for point in points:
+            line = zip(point, (*point[:2], 0.0), strict=True)
+            axes.plot(*line, color="#404040", linewidth=0.8, linestyle=":")
+
+
+def _frame_room(axes: Any, scene: Scene) -> None:
+    """The room from a corner above; heights are drawn 1.6 times as long as widths."""
+    room = scene.room
+    width = room.x_max - room.x_min
+    depth = room.y_max - room.y_min
+    axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    axes.locator_params(nbins=5)
+    axes.set(xlim=(room.x_min, room.x_max), ylim=(room.y_min, room.y_max), zlim=(0, room.height))
+    axes.set_box_aspect((width, depth, 1.6 * room.height), zoom=1.05)
+    axes.view_init(elev=32, azim=-58)
 
 
 def _outline(panel: IrsPanel, scene: Scene) -> Floats:
     """Corners (4, 3) of a panel on its wall."""
-    pitch = panel.pitch_wavelengths * wavelength_m(scene.carrier_ghz)
-    along = panel.columns * panel.elements_per_subsurface[0] * pitch / 2 * panel.along_wall
-    up = panel.rows * panel.elements_per_subsurface[1] * pitch / 2 * np.array([0.0, 0.0, 1.0])
+    pitch_m = panel.pitch_wavelengths * wavelength_m(scene.carrier_ghz)
+    per_column, per_row = panel.elements_per_subsurface
 
-    return np.array(panel.position) + np.array([-along - up, along - up, along + up, up - along])
+    # half of the panel along the wall and upwards, (3,) each
+    along = panel.columns * per_column * pitch_m / 2 * panel.along_wall
+    up = panel.rows * per_row * pitch_m / 2 * np.array([0.0, 0.0, 1.0])
+    corners = np.array([-along - up, along - up, along + up, up - along])
+
+    return np.asarray(np.array(panel.position) + corners)
 
 
 def _parts(scene: Scene) -> list[tuple[object, ...]]:
@@ -153,10 +148,9 @@ def draw_maps(
     with new_figure(5 * len(maps), 4.8) as figure:
         panels = figure.subplots(1, len(maps), sharey=True)
         for axes, (title, radio_map) in zip(panels, maps.items(), strict=True):
-            draw_map(axes, radio_map, radio_map.gain_db, scale)
-            draw_floor(
-                axes, study.scene if "with IRS" in title else study.scene.with_irs_elements(0)
-            )
+            draw_cell_values(axes, radio_map, radio_map.gain_db, scale)
+            has_irs = "with IRS" in title
+            draw_floor(axes, study.scene if has_irs else study.scene.with_irs_elements(0))
             if title in paths:
                 steps[title] = _draw_path(axes, radio_map, paths[title], "shortest path")
 
@@ -164,6 +158,7 @@ def draw_maps(
 
         _colour_bar(figure, panels, scale, "expected channel gain (dB)")
         _legend(figure, panels[-1])
+
         columns = {f"{_word(title)}_db": each.gain_db for title, each in maps.items()}
         columns |= {f"{_word(title)}_step_of_path": steps[title] for title in paths}
         save(figure, folder, name, *_cell_table(study, columns))
@@ -204,24 +199,21 @@ def draw_optimal_gain(study: Study, folder: Path) -> None:
     nearest, optimal = (
         study.radio_map(ONE_BIT, quantiser).gain_db for quantiser in ("nearest", "optimal")
     )
-    gain = np.where(
-        np.isfinite(nearest), optimal - np.where(np.isfinite(nearest), nearest, 0), np.nan
-    )
+
+    # NaN in obstacles, where both are minus infinity and have no difference
+    free = np.isfinite(nearest)
+    raised = np.where(free, optimal - np.where(free, nearest, 0), np.nan)  # (X, Y)
+    scale = Normalize(0, np.nanmax(raised))
 
     with new_figure(6.2, 5.2) as figure:
         axes = figure.subplots()
-        draw_map(axes, study.radio_map(ONE_BIT), gain, Normalize(0, np.nanmax(gain)))
+        draw_cell_values(axes, study.radio_map(ONE_BIT), raised, scale)
         draw_floor(axes, study.scene)
-        _colour_bar(
-            figure, axes, Normalize(0, np.nanmax(gain)), "optimal over nearest levels, 1 bit (dB)"
-        )
+        _colour_bar(figure, axes, scale, "optimal over nearest levels, 1 bit (dB)")
         _legend(figure, axes)
-        save(
-            figure,
-            folder,
-            "optimal_quantiser",
-            *_cell_table(study, {"nearest_db": nearest, "optimal_db": optimal}),
-        )
+
+        columns = {"nearest_db": nearest, "optimal_db": optimal}
+        save(figure, folder, "optimal_quantiser", *_cell_table(study, columns))
 
 
 def draw_own_scene(study: Study, target_db: float, folder: Path) -> None:
@@ -230,11 +222,13 @@ def draw_own_scene(study: Study, target_db: float, folder: Path) -> None:
     path = study.path(CONTINUOUS, target_db)
     scale = _scale(radio_map.gain_db)
     room = study.scene.room
+    height = 9 * (room.y_max - room.y_min) / (room.x_max - room.x_min) + 0.6  # and the legend
 
-    with new_figure(9, 9 * (room.y_max - room.y_min) / (room.x_max - room.x_min) + 0.6) as figure:
+    with new_figure(9, height) as figure:
         axes = figure.subplots()
-        draw_map(axes, radio_map, radio_map.gain_db, scale)
+        draw_cell_values(axes, radio_map, radio_map.gain_db, scale)
         draw_floor(axes, study.scene)
+
         label = f"shortest path at {minus(target_db)} dB"
         on_path = np.zeros(radio_map.grid.shape, dtype=int)
         if path is not None:
@@ -249,14 +243,13 @@ def draw_own_scene(study: Study, target_db: float, folder: Path) -> None:
 # --- parts ----------------------------------------------------------------------------------------
 
 
-def draw_map(axes: Axes, radio_map: RadioMap, values: Floats, scale: Normalize) -> None:
+def draw_cell_values(axes: Axes, radio_map: RadioMap, values: Floats, scale: Normalize) -> None:
     """Values of the cells as colours; obstacle cells are left blank."""
-    (x, y), (right, top) = radio_map.grid.origin, radio_map.grid.upper
-    shown = np.ma.masked_invalid(values).T
+    (left, bottom), (right, top) = radio_map.grid.origin, radio_map.grid.upper
     axes.imshow(
-        shown,
+        np.ma.masked_invalid(values).T,  # imshow takes rows first: y, then x
         origin="lower",
-        extent=(x, right, y, top),
+        extent=(left, right, bottom, top),
         cmap="viridis",
         norm=scale,
         interpolation="nearest",

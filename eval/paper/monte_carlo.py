@@ -1,4 +1,4 @@
-"""`Evidence`: means over drawn channels, with standard errors, that tell a formula from its rival."""
+"""`Evidence`: means over drawn channels, with errors, that tell a formula from its rival."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from eval.paper.study import CONTINUOUS, Study
 from irs_gym.radio.irs import (
+    Cascade,
     Channel,
     Complexes,
     Hardware,
@@ -56,9 +57,9 @@ class Evidence:
         return (mean - self.ours) / error, (mean - self.rival) / error
 
 
-def estimate(batches: Iterable[Floats]) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Running means of batches of draws, their standard errors, and how many draws they are over."""
-    samples = np.stack(list(batches))
+def running_means(batches: Iterable[Floats]) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Means of batches of draws so far, their standard errors, and over how many draws they are."""
+    samples = np.stack(list(batches))  # (batches, BATCH)
     count = samples.shape[1] * np.arange(1, len(samples) + 1)
     means = samples.sum(axis=1).cumsum() / count
     spread = (samples**2).sum(axis=1).cumsum() / count - means**2
@@ -93,29 +94,41 @@ def draw_reflections(
     first = 0
 
     for cascade in site.cascades:
-        panel = cascade.panel
-        wavenumber = cascade.wavenumber
-        pitch = cascade.pitch_m
-        per_column, per_row = panel.elements_per_subsurface
-        column, row, a, b = np.indices((panel.columns, panel.rows, per_column, per_row)).reshape(
-            4, -1
-        )
-        along = (column * per_column + a - (panel.columns * per_column - 1) / 2) * pitch
-        up = (row * per_row + b - (panel.rows * per_row - 1) / 2) * pitch
-        elements = along[:, None] * panel.along_wall + up[:, None] * np.array([0.0, 0.0, 1.0])
-        turned = np.exp(1j * shifts[first + column * panel.rows + row])
-        first += panel.subsurfaces
+        elements, subsurface = _elements(cascade)
+        turned = np.exp(1j * shifts[first + subsurface])  # (M,)
+        first += cascade.panel.subsurfaces
 
+        # A plane wave reaches an element earlier by what it lies towards the other end.
         ends = _of_one(cascade.ap_link), _of_one(cascade.robot_link)
-        phases = [-wavenumber * (end.distance_m - elements @ end.direction) for end in ends]
+        phases = [
+            -cascade.wavenumber * (end.distance_m - elements @ end.direction) for end in ends
+        ]  # (M,) each
         sent, received = (
             draw_channels(end, phase, rng) for end, phase in zip(ends, phases, strict=True)
-        )
+        )  # (BATCH, M) each
         total += (received * turned * sent).sum(axis=1)
+
         amplitude = float(ends[0].los_amplitude * ends[1].los_amplitude)
         los += amplitude * complex((np.exp(1j * (phases[0] + phases[1])) * turned).sum())
 
     return total, los
+
+
+def _elements(cascade: Cascade) -> tuple[Floats, NDArray[np.int64]]:
+    """Places (M, 3) of a panel's elements from its centre in metres, and the numbers (M,) of their
+    sub-surfaces, of which the rows change first.
+    """
+    panel = cascade.panel
+    pitch = cascade.pitch_m
+    per_column, per_row = panel.elements_per_subsurface
+    shape = (panel.columns, panel.rows, per_column, per_row)
+    column, row, a, b = np.indices(shape).reshape(4, -1)
+
+    along = (column * per_column + a - (panel.columns * per_column - 1) / 2) * pitch
+    up = (row * per_row + b - (panel.rows * per_row - 1) / 2) * pitch
+    places = along[:, None] * panel.along_wall + up[:, None] * np.array([0.0, 0.0, 1.0])
+
+    return places, column * panel.rows + row
 
 
 def draw_gains(site: Channel, shifts: Floats, rng: np.random.Generator) -> Floats:
@@ -148,20 +161,20 @@ def lemma_1(study: Study, draws: int, seed: int) -> Evidence:
     """Second term of Lemma 1: eta_AM (Appendix A), not eta_IM."""
     everywhere = _channels(study)
     gain = everywhere.expected_gain(Hardware())
-    printed = (
-        gain - everywhere.direct.scattered_power + everywhere.cascades[0].robot_link.scattered_power
-    )
+    eta_am = everywhere.direct.scattered_power
+    eta_im = everywhere.cascades[0].robot_link.scattered_power
+    printed = gain - eta_am + eta_im
 
     return _compare(
         study,
         "gain, continuous phases",
-        gain,
-        gain,
-        printed,
-        Hardware(),
-        draw_gains,
-        draws,
-        [seed, 1],
+        gain=gain,
+        ours=gain,
+        rival=printed,
+        hardware=Hardware(),
+        draw_batch=draw_gains,
+        draws=draws,
+        seed=[seed, 1],
     )
 
 
@@ -176,13 +189,13 @@ def tau(study: Study, draws: int, seed: int) -> Evidence:
     return _compare(
         study,
         "scattered power over the panel",
-        gain,
-        ours,
-        printed,
-        Hardware(),
-        draw_scatter,
-        draws,
-        [seed, 2],
+        gain=gain,
+        ours=ours,
+        rival=printed,
+        hardware=Hardware(),
+        draw_batch=draw_scatter,
+        draws=draws,
+        seed=[seed, 2],
     )
 
 
@@ -193,7 +206,15 @@ def quantiser(study: Study, draws: int, seed: int) -> Evidence:
     ours, rival = (_channels(study).expected_gain(each) for each in (wrapped, printed))
 
     return _compare(
-        study, "gain, 1-bit phases", ours, ours, rival, wrapped, draw_gains, draws, [seed, 3]
+        study,
+        "gain, 1-bit phases",
+        gain=ours,
+        ours=ours,
+        rival=rival,
+        hardware=wrapped,
+        draw_batch=draw_gains,
+        draws=draws,
+        seed=[seed, 3],
     )
 
 
@@ -211,13 +232,22 @@ def several_panels(study: Study, draws: int, seed: int) -> Evidence:
     rival = np.abs(everywhere.direct_los) ** 2 + powers + everywhere.scattered_power()
 
     return _compare(
-        study, "gain, two panels", gain, gain, rival, Hardware(), draw_gains, draws, [seed, 4]
+        study,
+        "gain, two panels",
+        gain=gain,
+        ours=gain,
+        rival=rival,
+        hardware=Hardware(),
+        draw_batch=draw_gains,
+        draws=draws,
+        seed=[seed, 4],
     )
 
 
 def _compare(
     study: Study,
     subject: str,
+    *,
     gain: Floats,
     ours: Floats,
     rival: Floats,
@@ -234,7 +264,7 @@ def _compare(
     site = _channels(study, cell)
     rng = np.random.default_rng(seed)
     shifts = site.phase_shifts(hardware)[0]
-    estimates = estimate(draw_batch(site, shifts, rng) for _ in range(-(-draws // BATCH)))
+    estimates = running_means(draw_batch(site, shifts, rng) for _ in range(-(-draws // BATCH)))
 
     return Evidence(
         subject, float(ours[cell]), float(rival[cell]), float(effect_db[cell]), *estimates
@@ -251,20 +281,20 @@ def lost_amplitude_db(bits: int, draws: int, seed: int) -> tuple[float, float, f
     levels = 2**bits
     rng = np.random.default_rng([seed, 5, bits])
     delta = 2 * np.pi / levels
+    reference = np.ones(1, dtype=np.complex128)  # of phase 0
     losses = []
 
     for _ in range(20):
         wanted = np.exp(-1j * rng.uniform(0, 2 * np.pi, (1, max(1, draws // 20))))
         kept = [
-            np.abs(np.mean(wanted * np.exp(1j * rounded(np.ones(1), wanted, levels))))
+            np.abs(np.mean(wanted * np.exp(1j * rounded(reference, wanted, levels))))
             for rounded in (nearest_phases, as_printed_phases)
         ]
         losses.append(20 * np.log10(kept[0] / kept[1]))
 
     with_wrap = levels * np.sin(delta / 2) / np.pi
-    without = np.abs((levels - 1) * 2 * np.sin(delta / 2) + (np.exp(1j * delta) - 1) / 1j) / (
-        2 * np.pi
-    )
+    last_level = (np.exp(1j * delta) - 1) / 1j
+    without = np.abs((levels - 1) * 2 * np.sin(delta / 2) + last_level) / (2 * np.pi)
     error = np.std(losses, ddof=1) / sqrt(len(losses))
 
     return float(np.mean(losses)), float(error), float(20 * np.log10(with_wrap / without))

@@ -97,11 +97,14 @@ def with_networkx(side: int) -> Callable[[], float]:
 
     def run() -> float:
         graph = networkx.Graph()
+
+        # Half of the eight directions: an edge leads both ways.
         for di, dj, length in ((1, 0, 1.0), (0, 1, 1.0), (1, 1, 2**0.5), (1, -1, 2**0.5)):
             i, j = np.nonzero(feasible)
             on_map = (i + di < side) & (j + dj < side) & (j + dj >= 0)
             i = i[on_map]
             j = j[on_map]
+
             both = feasible[i + di, j + dj]
             one = i * side + j
             other = (i + di) * side + j + dj
@@ -154,14 +157,15 @@ LEFT_OUT = {("path, networkx", 1000)}  # minutes, and several GiB of Python obje
 # --- measurement ----------------------------------------------------------------------------------
 
 
-def measure(task: str, side: int) -> ScalingCost:
+def measure_task(task: str, side: int) -> ScalingCost:
     """Cost of a task on a map of ``side`` by ``side`` cells, in this process, which should be a
     fresh one.
     """
     run = TASKS[task](side)
-    seconds = []
+    seconds: list[float] = []
     found = None
 
+    # three times or more, for a second, and no longer than twenty
     while len(seconds) < 3 or (sum(seconds) < 1.0 and len(seconds) < 50):
         began = perf_counter()
         found = run()
@@ -177,10 +181,7 @@ def peak_memory() -> int:
     try:
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
         return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM"))
-    except (
-        OSError,
-        StopIteration,
-    ):  # not Linux; there, getrusage would count the parent's pages too
+    except (OSError, StopIteration):  # not Linux; there, getrusage counts the parent's pages too
         import resource
 
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -190,7 +191,7 @@ def peak_memory() -> int:
 def measure_all(
     sides: tuple[int, ...] = SIDES, report: Callable[[str], None] = print
 ) -> dict[str, Any]:
-    """All costs, each in a process of its own, one after the other, and what they were measured on."""
+    """All costs, one after the other, each in a process of its own, and the machine behind them."""
     costs = []
 
     for task in TASKS:
@@ -198,15 +199,9 @@ def measure_all(
             if (task, side) in LEFT_OUT:
                 continue
 
-            context = multiprocessing.get_context("spawn")
-            with ProcessPoolExecutor(
-                1, context, signal.signal, (signal.SIGINT, signal.SIG_DFL)
-            ) as pool:
-                costs.append(pool.submit(measure, task, side).result())
-
-            report(
-                f"{task}, {side * side:,} cells: {costs[-1].seconds:.4g} s, {costs[-1].peak_mib:.0f} MiB"
-            )
+            cost = _in_a_process(task, side)
+            costs.append(cost)
+            report(f"{task}, {cost.cells:,} cells: {cost.seconds:.4g} s, {cost.peak_mib:.0f} MiB")
 
     packages = {name: version(name) for name in ("numpy", "scipy", "networkx", "scikit-image")}
     machine = {
@@ -217,6 +212,14 @@ def measure_all(
     }
 
     return {"machine": machine, "costs": [asdict(cost) for cost in costs]}
+
+
+def _in_a_process(task: str, side: int) -> ScalingCost:
+    """Cost of a task in a fresh process, so that its peak memory is its own."""
+    context = multiprocessing.get_context("spawn")
+    on_start = (signal.SIGINT, signal.SIG_DFL)  # a Ctrl-C ends it without a traceback
+    with ProcessPoolExecutor(1, context, signal.signal, on_start) as pool:
+        return pool.submit(measure_task, task, side).result()
 
 
 def read_costs(path: Path) -> tuple[dict[str, Any], list[ScalingCost]]:

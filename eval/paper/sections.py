@@ -1,4 +1,4 @@
-"""Sections of docs/paper.md on the paper itself: its claims, its formulas, and what it leaves open."""
+"""Sections of docs/paper.md on the paper itself: its claims, its formulas, what it leaves open."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -9,30 +9,18 @@ from eval.paper.distance_claims import ROWS, element_counts, extra_elements
 from eval.paper.monte_carlo import Evidence
 from eval.paper.study import CONTINUOUS, ONE_BIT, Study
 
-INTRODUCTION = """
-# The paper's Section IV, claim by claim
-
-X. Mu, Y. Liu, L. Guo, J. Lin and R. Schober, *Intelligent Reflecting Surface Enhanced Indoor Robot Path Planning Using
-Radio Maps*. `python -m eval paper` computes everything on this page from the scene file, writes it with its figures,
-and fails where a claim that is said to be met is not.
-
-The phases of b bits come in three kinds: the level **nearest** on the circle (what eq. (20) means), the level **as
-printed** (eq. (20) to the letter, where 0 and 2 pi are far apart), and the **optimal** levels, those of the largest
-gain. A single value means that the rounding has no part in it.
-"""
-
 
 def claims_section(claims: Sequence[Claim]) -> str:
     """The table of claims and its notes."""
     rows = []
-    notes = []
+    notes: list[str] = []
 
     for claim in claims:
         if claim.remark:
             notes.append(f"{len(notes) + 1}. {claim.remark}")
 
         mark = f" ({len(notes)})" if claim.remark else ""
-        ours = claim.ours if len(claim.ours) > 1 else (*claim.ours, "", "")
+        ours = claim.ours if len(claim.ours) > 1 else (*claim.ours, "", "")  # a column a quantiser
         rows.append((claim.text + mark, claim.printed, *ours, claim.difference, claim.verdict))
 
     header = (
@@ -75,7 +63,7 @@ def corrections_section(
     evidence: Sequence[Evidence], lost: dict[int, tuple[float, float, float]]
 ) -> str:
     """What the formulas have to be, by draws of the channels."""
-    where = (
+    formulas = (
         "Lemma 1, second term: eta_AM (Appendix A), printed eta_IM",
         "tau: M elements (Appendix A), printed N sub-surfaces",
         "eq. (20): distance on the circle, printed abs(theta - theta*) on [0, 2 pi)",
@@ -91,7 +79,7 @@ def corrections_section(
             f"{each.deviations[1]:+.0f}",
             f"{each.effect_db:.3f}",
         )
-        for name, each in zip(where, evidence, strict=True)
+        for name, each in zip(formulas, evidence, strict=True)
     ]
     header = (
         "formula",
@@ -109,17 +97,19 @@ def corrections_section(
 
     return page(
         "## Corrections, by drawn channels",
-        "Rician channels of every element are drawn one by one, in the cell where the two formulas differ most, and "
-        f"put into eq. (4), {evidence[0].draws[-1]:,} times. The mean of the draws stands over our closed form, with "
-        "its standard error; z counts the standard errors from either formula to the mean. The rival is the paper's "
-        "formula as printed.",
+        "Rician channels of every element are drawn one by one, in the cell where the two "
+        f"formulas differ most, and put into eq. (4), {evidence[0].draws[-1]:,} times. The mean "
+        "of the draws stands over our closed form, with its standard error; z counts the standard "
+        "errors from either formula to the mean. The rival is the paper's formula as printed.",
         table(header, rows),
         picture("monte_carlo", "The first three, as the draws go on."),
-        "What the missing wrap of eq. (20) costs the reflected amplitude, over uniformly random phases:",
+        "What the missing wrap of eq. (20) costs the reflected amplitude, over uniformly random "
+        "phases:",
         table(("phases", "drawn (dB)", "exactly (dB)"), losses),
-        "Corrected besides, without an effect on a number: g and r have M entries, not N, since Theta is M x M; the "
-        "line-of-sight parts are h-bar and r-bar (the text lists h-hat); the objective of (15) sums over d, not n; "
-        "L of eqs. (18) and (19) is a loss in dB, so the channels scale with 10^(-L/10).",
+        "Corrected besides, without an effect on a number: g and r have M entries, not N, since "
+        "Theta is M x M; the line-of-sight parts are h-bar and r-bar (the text lists h-hat); the "
+        "objective of (15) sums over d, not n; L of eqs. (18) and (19) is a loss in dB, so the "
+        "channels scale with 10^(-L/10).",
     )
 
 
@@ -161,13 +151,13 @@ def open_choices_section(study: Study) -> str:
 
     return page(
         "## What the paper leaves open",
-        "The pitch of the elements and the shape of a sub-surface are not in the paper. They are free parameters here, "
-        "fields of the scene file, and chosen because they meet the printed numbers: -59.5 dB, and 600 more elements "
-        "with 1 bit for a distance that continuous phases have, "
-        f"with up to {element_counts(study)[-1]:,} of them. Sub-surfaces are elements along x by elements along z; the "
-        "choice is in bold.",
+        "The pitch of the elements and the shape of a sub-surface are not in the paper. They are "
+        "free parameters here, fields of the scene file, and chosen because they meet the printed "
+        "numbers: -59.5 dB, and 600 more elements with 1 bit for a distance that continuous "
+        f"phases have, with up to {element_counts(study)[-1]:,} of them. Sub-surfaces are "
+        "elements along x by elements along z; the choice is in bold.",
         table(header, rows),
-        "Also settled so: cells of 0.5 m with the start in the row y = 0.25 m, moves that may cut corners, line of "
-        "sight against open boxes in three dimensions, Rician factor 0 on blocked links, and plane waves over the "
-        "panel.",
+        "Also settled so: cells of 0.5 m with the start in the row y = 0.25 m, moves that may cut "
+        "corners, line of sight against open boxes in three dimensions, Rician factor 0 on "
+        "blocked links, and plane waves over the panel.",
     )

@@ -28,10 +28,9 @@ def dips_of_map(study: Study, scheme: Scheme, target_db: float) -> Dips:
     """
     feasible = study.radio_map(scheme).feasible(target_db)
     cells = np.argwhere(feasible)
-    pairs = [
-        np.stack([cells, cells + move], axis=1) for move in MOVES[:4]
-    ]  # the other four lead back
-    both = np.concatenate(pairs)
+
+    # the other four moves lead back
+    both = np.concatenate([np.stack([cells, cells + move], axis=1) for move in MOVES[:4]])
     on_map = np.all((both[:, 1] >= 0) & (both[:, 1] < feasible.shape), axis=1)
     both = both[on_map]
 
@@ -48,9 +47,11 @@ def dips_of_path(study: Study, scheme: Scheme, target_db: float) -> Dips:
 def _dips(study: Study, scheme: Scheme, target_db: float, moves: NDArray[np.int64]) -> Dips:
     """Of moves ``(n, 2, 2)`` between cells."""
     centres = study.scene.grid(study.cell_size).centres()
-    ends = centres[moves[..., 0], moves[..., 1]]
+    ends = centres[moves[..., 0], moves[..., 1]]  # (n, 2, 2)
     share = np.linspace(0, 1, POINTS)[:, None]
-    lowest = study.gain_at(ends[:, :1] * (1 - share) + ends[:, 1:] * share, scheme).min(axis=1)
+    points = ends[:, :1] * (1 - share) + ends[:, 1:] * share  # (n, POINTS, 2)
+    lowest = study.gain_at(points, scheme).min(axis=1)
+
     # the ends are feasible: rounding must not make them dip
     is_dip = lowest < target_db - 1e-9
 

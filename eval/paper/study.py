@@ -1,4 +1,4 @@
-"""`Study`: the maps, paths and trade-offs of one scene, for every scheme that the paper compares."""
+"""`Study`: the maps, paths and trade-offs of one scene, for each scheme that the paper compares."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -68,9 +68,8 @@ class Study:
         if not scheme.has_irs:
             elements = 0
 
-        continuous = self.scene.model_copy(
-            update={"phase_bits": None}
-        )  # the scheme says the resolution, not the scene
+        # the scheme says the resolution, not the scene
+        continuous = self.scene.model_copy(update={"phase_bits": None})
         return _radio_map(continuous, self.cell_size, elements, scheme.phase_bits, quantiser)
 
     def curve(
@@ -110,6 +109,8 @@ class Study:
             [points, np.full((*points.shape[:-1], 1), scene.antenna_height)], axis=-1
         )
         flat = places.reshape(-1, 3)
+
+        # the access point of the highest gain serves
         gains = [channel(scene, ap, flat).expected_gain(Hardware()) for ap in scene.access_points]
 
         return linear_to_db(np.max(gains, axis=0)).reshape(points.shape[:-1])

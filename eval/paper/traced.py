@@ -1,4 +1,4 @@
-"""`trace`: the radio map of a scene's room by Sionna RT, its walls and boxes as meshes of our own."""
+"""`trace`: the radio map of a scene's room by Sionna RT, with walls and boxes as our own meshes."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,11 +18,9 @@ TRIANGLES = np.array(
         *((0, 4, 6), (0, 6, 2), (1, 3, 7), (1, 7, 5)),  # x low, x high
     ]
 )
-INSET_M = 0.05  # an antenna on a wall is moved into the room by this much: rays cannot start within a surface
-MATERIALS = {
-    "room": ("concrete", 0.2),
-    "obstacle": ("metal", 0.01),
-}  # ITU-R P.2040, and thickness in metres
+# An antenna on a wall is moved into the room by this much: rays cannot start within a surface.
+INSET_M = 0.05
+MATERIALS = {"room": ("concrete", 0.2), "obstacle": ("metal", 0.01)}  # of ITU-R P.2040; metres
 
 
 def write_box(path: Path, lower: Any, upper: Any, is_room: bool = False) -> None:
@@ -34,6 +32,7 @@ def write_box(path: Path, lower: Any, upper: Any, is_room: bool = False) -> None
     z, y, x = np.meshgrid(*zip(lower[::-1], upper[::-1], strict=True), indexing="ij")
     corners = np.stack([x, y, z], axis=-1).reshape(8, 3)
     triangles = TRIANGLES[:, ::-1] if is_room else TRIANGLES
+
     header = ["ply", "format ascii 1.0", f"element vertex {len(corners)}"]
     header += [f"property float {axis}" for axis in "xyz"]
     header += [
@@ -63,7 +62,8 @@ def inside(scene: Scene, position: tuple[float, float, float]) -> list[float]:
     """A position, moved off the walls."""
     low = np.array([*scene.room.lower, 0.0])
     high = np.array([*scene.room.upper, scene.room.height])
-    return np.clip(position, low + INSET_M, high - INSET_M).tolist()
+    moved: list[float] = np.clip(position, low + INSET_M, high - INSET_M).tolist()
+    return moved
 
 
 def trace(scene: Scene, cell_size: float, samples: int, max_depth: int, seed: int) -> RadioMap:
@@ -75,25 +75,7 @@ def trace(scene: Scene, cell_size: float, samples: int, max_depth: int, seed: in
     from sionna import rt
 
     grid = scene.grid(cell_size)
-    world = rt.load_scene()
-    world.frequency = scene.carrier_ghz * 1e9
-
-    with TemporaryDirectory() as folder:
-        for part, paths in write_meshes(scene, Path(folder)).items():
-            material, thickness = MATERIALS[part]
-            surface = rt.ITURadioMaterial(f"{part}-{material}", material, thickness=thickness)
-            objects = [
-                rt.SceneObject(fname=str(path), name=path.stem, radio_material=surface)
-                for path in paths
-            ]
-            world.edit(add=objects)
-
-    world.tx_array = world.rx_array = rt.PlanarArray(
-        num_rows=1, num_cols=1, pattern="iso", polarization="V"
-    )
-    for n, point in enumerate(scene.access_points):
-        world.add(rt.Transmitter(f"access-point-{n}", position=inside(scene, point.position)))
-
+    world = _world_of(scene, rt)
     middle = [
         (low + high) / 2 for low, high in zip(scene.room.lower, scene.room.upper, strict=True)
     ]
@@ -111,3 +93,26 @@ def trace(scene: Scene, cell_size: float, samples: int, max_depth: int, seed: in
     )
 
     return from_sionna(result, ~is_in_footprint(grid.centres(), scene.boxes))
+
+
+def _world_of(scene: Scene, rt: Any) -> Any:
+    """Sionna's scene of ours: room and boxes, and a transmitter at each access point."""
+    world = rt.load_scene()
+    world.frequency = scene.carrier_ghz * 1e9
+
+    with TemporaryDirectory() as folder:
+        for part, paths in write_meshes(scene, Path(folder)).items():
+            material, thickness = MATERIALS[part]
+            surface = rt.ITURadioMaterial(f"{part}-{material}", material, thickness=thickness)
+            objects = [
+                rt.SceneObject(fname=str(path), name=path.stem, radio_material=surface)
+                for path in paths
+            ]
+            world.edit(add=objects)
+
+    isotropic = rt.PlanarArray(num_rows=1, num_cols=1, pattern="iso", polarization="V")
+    world.tx_array = world.rx_array = isotropic
+    for n, point in enumerate(scene.access_points):
+        world.add(rt.Transmitter(f"access-point-{n}", position=inside(scene, point.position)))
+
+    return world

@@ -1,6 +1,7 @@
 """`draw_curves`: how algorithms learned on one problem, with bands over seeds, as a PNG."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,11 +27,11 @@ def draw_curves(algorithms: Mapping[str, Sequence[Curve]]) -> bytes:
 
     for n, (name, curves) in enumerate(algorithms.items()):
         style = {"color": f"C{n % 10}", "linestyle": DASHES[n % len(DASHES)], "linewidth": 1.8}
-        steps, spl = align(curves)
-        middle, low, high = band(spl)
-        left.plot(
-            steps, middle, label=f"{name} ({len(curves)} seed{'s' * (len(curves) > 1)})", **style
-        )
+        label = f"{name} ({len(curves)} seed{'s' * (len(curves) > 1)})"
+
+        steps, spl = align(curves)  # (T,), (seeds, T)
+        middle, low, high = band(spl)  # (T,) each
+        left.plot(steps, middle, label=label, **style)
         left.fill_between(steps, low, high, color=style["color"], alpha=0.2, linewidth=0)
         _draw_arrivals(right, curves, style)
 
@@ -60,18 +61,21 @@ def align(curves: Sequence[Curve]) -> tuple[NDArray[np.float64], NDArray[np.floa
     has been learned.
     """
     steps = np.unique(np.concatenate([each.steps for each in curves]))
+
+    # How many tests lie behind each step is the place of the latest, counted from the 0 in front.
     latest = [np.searchsorted(each.steps, steps, side="right") for each in curves]
-    return steps, np.stack(
-        [np.append(0.0, each.spl)[at] for each, at in zip(curves, latest, strict=True)]
-    )
+    spl = [np.append(0.0, each.spl)[at] for each, at in zip(curves, latest, strict=True)]
+
+    return steps, np.stack(spl)
 
 
-def _draw_arrivals(axes: Axes, curves: Sequence[Curve], style: Mapping[str, object]) -> None:
-    """Share of the seeds that have been at the optimum, as steps up to the end of the longest run."""
+def _draw_arrivals(axes: Axes, curves: Sequence[Curve], style: Mapping[str, Any]) -> None:
+    """Share of the seeds that have been at the optimum, up to the end of the longest run."""
     arrivals = np.sort([each.first_optimum(each.seconds) for each in curves])
-    end = max(each.seconds[-1] for each in curves)
     arrived = arrivals[np.isfinite(arrivals)]
     first = min(each.seconds[0] for each in curves)
+    end = max(each.seconds[-1] for each in curves)
+
     seconds = np.concatenate([[first], arrived, [end]])
     share = np.concatenate([[0], np.arange(1, len(arrived) + 1), [len(arrived)]]) / len(curves)
     axes.step(seconds, share, where="post", **style)

@@ -19,7 +19,9 @@ from irs_gym.mdp.task import World
 BROAD: dict[str, Any] = {"color": "white", "linewidth": 5.0, "linestyle": "-"}
 COLOURS = ("tab:orange", "tab:red", "tab:cyan", "magenta", "lime")
 DASHES = ("--", ":", "-.")
-RIM = [patheffects.withStroke(linewidth=7.0, foreground="black")]
+RIM: list[patheffects.AbstractPathEffect] = [
+    patheffects.withStroke(linewidth=7.0, foreground="black")
+]
 
 
 def draw_path_overlay(
@@ -33,21 +35,23 @@ def draw_path_overlay(
     """
     figure = Figure(figsize=(8.0, 6.6), layout="constrained")
     axes = figure.add_subplot()
-    image = draw_map(axes, world)
+    image = draw_feasible_map(axes, world)
+
+    # the target as a line over the scale
     bar = figure.colorbar(image, ax=axes, label="expected channel gain (dB)")
     bar.ax.axhline(world.target_db, color="white", linewidth=4)
     bar.ax.axhline(world.target_db, color="black", linewidth=1.5)
 
     for n, (name, episode) in enumerate(paths.items()):
-        points = world.radio_map.grid.centres()[tuple(episode.path.T)]
-        label = f"{name}: {episode.distance:.3f} m" + (
-            "" if episode.is_success else ", goal not reached"
-        )
+        points = world.radio_map.grid.centres()[tuple(episode.path.T)]  # (T, 2)
+        failure = "" if episode.is_success else ", goal not reached"
+        label = f"{name}: {episode.distance:.3f} m{failure}"
         line = axes.plot(*points.T, label=label, solid_capstyle="round", **_style(n))[0]
         if n == 0:
             line.set_path_effects(RIM)
 
     draw_ends(axes, world)
+
     handles, _ = axes.get_legend_handles_labels()
     handles += [
         Patch(facecolor="black", label="obstacle"),
@@ -72,18 +76,19 @@ def _style(n: int) -> dict[str, Any]:
     }
 
 
-def draw_map(axes: Axes, world: World) -> AxesImage:
+def draw_feasible_map(axes: Axes, world: World) -> AxesImage:
     """Gain in colour, obstacles in black, cells below the target pale and hatched."""
     grid = world.radio_map.grid
-    gain_db = world.radio_map.gain_db
     (left, bottom), (right, top) = grid.origin, grid.upper
     free = world.radio_map.free
-    image = axes.imshow(
-        np.where(free, gain_db, np.nan).T, origin="lower", extent=(left, right, bottom, top)
-    )
+
+    # What is not free is not drawn: there the axes are seen. imshow takes rows first, so y first.
+    gain_db = np.where(free, world.radio_map.gain_db, np.nan)  # (X, Y)
+    image = axes.imshow(gain_db.T, origin="lower", extent=(left, right, bottom, top))
     axes.set_facecolor("black")
-    below = np.argwhere(free & ~world.feasible)
-    if len(below):
+
+    below = np.argwhere(free & ~world.feasible)  # (n, 2)
+    if len(below):  # one shape of all squares, so that the hatching runs through
         corners = [grid.origin + cell * grid.cell_size for cell in below]
         squares = [
             Path.unit_rectangle().transformed(Affine2D().scale(grid.cell_size).translate(*at))
@@ -107,17 +112,12 @@ def draw_ends(axes: Axes, world: World, size: float = 10.0) -> None:
         ("goal", "s", "white", [grid.centre(world.goal)]),
     ]
     if world.scene is not None:
-        marks.append(
-            (
-                "access point",
-                "^",
-                "tab:red",
-                [each.position[:2] for each in world.scene.access_points],
-            )
-        )
-        marks.append(
-            ("IRS", "P", "tab:cyan", [each.position[:2] for each in world.scene.irs_panels])
-        )
+        access_points = [each.position[:2] for each in world.scene.access_points]
+        panels = [each.position[:2] for each in world.scene.irs_panels]
+        marks += [
+            ("access point", "^", "tab:red", access_points),
+            ("IRS", "P", "tab:cyan", panels),
+        ]
 
     for label, marker, colour, points in marks:
         if points:
@@ -141,11 +141,10 @@ def _title(world: World) -> str:
     elif not world.scene.irs_panels:
         radio = f"scene {world.scene.name!r} without IRS"
     else:
-        phases = (
-            "continuous phases"
-            if task.phase_bits is None
-            else f"{task.phase_bits}-bit phases ({task.quantiser})"
-        )
+        phases = "continuous phases"
+        if task.phase_bits is not None:
+            phases = f"{task.phase_bits}-bit phases ({task.quantiser})"
+
         radio = f"scene {world.scene.name!r} with IRS, {phases}"
 
     return f"{radio}, target {world.target_db:g} dB"

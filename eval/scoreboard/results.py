@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -12,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.registry import Algorithm
 from agents.rollout.episode import TOLERANCE, EpisodeResult, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.problem import Problem, problem_of
@@ -60,14 +60,12 @@ class Result:
 
     @property
     def steps_to_optimum(self) -> float:
-        """Training steps before the first test at the oracle's distance; infinite where none was."""
+        """Training steps before the first test at the oracle's distance; infinite for none."""
         return self.curve.first_optimum(self.curve.steps)
 
     @property
     def seconds_to_optimum(self) -> float:
-        """Seconds of training and tests before the first test at the oracle's distance; infinite
-        where none was.
-        """
+        """Seconds of training and tests before that test."""
         return self.curve.first_optimum(self.curve.seconds)
 
     @property
@@ -90,7 +88,7 @@ class Group:
     """Runs that differ in the seed alone: one problem, one algorithm, and the same settings."""
 
     problem: Problem
-    algorithm: Algorithm
+    algorithm: str
     settings: str  # JSON of all that is no part of the problem, such as {"agent.gamma": 0.98}
 
     @classmethod
@@ -104,19 +102,25 @@ class Group:
             for part, values in parts.items()
             for name, value in values.items()
         }
-        settings = json.dumps(flat, sort_keys=True, allow_nan=False)
-        if len(settings) > SETTINGS_LENGTH:
-            raise RunError(
-                f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read"
-            )
-
-        return cls(problem, config.algorithm, settings)
+        algorithm: Any = config.algorithm  # one of those of one scene, since it has a problem
+        return cls(problem, algorithm, settings_text(flat))
 
     @property
     def values(self) -> dict[str, Any]:
         """The settings by their names."""
         found: dict[str, Any] = json.loads(self.settings)
         return found
+
+
+def settings_text(settings: dict[str, Any]) -> str:
+    """Settings as JSON, by which runs are compared; raises `RunError` where they are too long."""
+    text = json.dumps(settings, sort_keys=True, allow_nan=False)
+    if len(text) > SETTINGS_LENGTH:
+        raise RunError(
+            f"its settings have {len(text):,} characters, and at most {SETTINGS_LENGTH:,} are read"
+        )
+
+    return text
 
 
 @dataclass(frozen=True)
@@ -140,6 +144,12 @@ class LeftOut:
         return cls(printable(str(folder)), printable(" ".join(said.split())), group)
 
 
+def tell_left_out(left_out: Iterable[LeftOut]) -> None:
+    """Name on standard error what is left out, and why."""
+    for each in left_out:
+        print(f"left out: {each.folder}: {each.reason}", file=sys.stderr)
+
+
 def find_runs(folder: Path) -> list[Path]:
     """Folders below, or the folder itself, that hold a run or what is left of one, sorted.
 
@@ -154,9 +164,9 @@ def find_runs(folder: Path) -> list[Path]:
     found = {
         file.parent for name in ("config.json", "manifest.json") for file in folder.rglob(name)
     }
-    return sorted(
-        each for each in found if not each.name.startswith(".")
-    )  # those are drafts of `Run.create`
+
+    # a name that begins with a dot is that of a draft of `Run.create`
+    return sorted(each for each in found if not each.name.startswith("."))
 
 
 def read_results(
@@ -207,10 +217,11 @@ def read_result(run: Run, model: str = "best") -> Result:
         raise RunError(f"has not ended: its status is {manifest.status!r}")
 
     episode = roll_out(run.load_model(model), evaluation_env(run.task))
-    told = manifest.models[model].ratio
-    if not _is_close(episode.ratio, told):
+    entry: Any = manifest.models[model]  # a `ModelEntry`, since the run has one task
+    if not _is_close(episode.ratio, entry.ratio):
         raise RunError(
-            f"its {model} policy now has the ratio {episode.ratio}, and {told} in the manifest"
+            f"its {model} policy now has the ratio {episode.ratio}, "
+            f"and {entry.ratio} in the manifest"
         )
 
     return Result(run, config, problem_of(run.task), episode, _read_curve(run))
@@ -257,7 +268,7 @@ def read_curve(run: Run) -> list[dict[str, str]]:
     return rows
 
 
-def _is_close(ratio: float | None, told: float | None) -> bool:
-    if ratio is None or told is None:
-        return ratio is told
-    return abs(ratio - told) <= TOLERANCE
+def _is_close(ratio: float | None, other: float | None) -> bool:
+    if ratio is None or other is None:
+        return ratio is other
+    return abs(ratio - other) <= TOLERANCE

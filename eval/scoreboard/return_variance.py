@@ -1,5 +1,4 @@
-"""`ReturnVariance`: what a discount makes of the returns on one problem, exactly: why similar
-routes are hard to tell apart.
+"""`ReturnVariance`: what a discount makes of the returns on one problem, exactly.
 
 `best_ratios` gives how far the path of the largest discounted return is from the shortest, from
 each start.
@@ -7,7 +6,7 @@ each start.
 A learner that starts out moving at random has to tell a route from one that is a little longer by
 returns that scatter. Their scatter under uniformly random moves and the optimum of the discounted
 problem follow from the transition tables by linear equations and by value iteration; nothing is
-sampled.
+sampled. This is why similar routes are hard to tell apart.
 """
 
 from collections.abc import Sequence
@@ -57,7 +56,7 @@ class ReturnVariance:
 
 
 def return_variances(world: World, gammas: Sequence[float]) -> list[ReturnVariance]:
-    """The outlook from a world's start to its goal under each discount."""
+    """Returns from a world's start to its goal under each discount."""
     moves = transition(world, world.goal)
     start = world.radio_map.grid.flat(world.start)
     shortest = float(tabulate(world, world.goal).distance_to_go[world.start])
@@ -85,11 +84,12 @@ def best_ratios(world: World, gamma: float) -> Floats:
     equal moves is taken.
     """
     moves = transition(world, world.goal)
-    to_go = tabulate(world, world.goal).distance_to_go.ravel()
+    to_go = tabulate(world, world.goal).distance_to_go.ravel()  # (n,), n = X * Y
     is_start = np.isfinite(to_go) & (to_go > 0)
 
+    # The best move of each cell, the cell that it leads to, and its metres.
     start = world.radio_map.grid.flat(world.start)
-    best = action_values(moves, optimal_values(moves, gamma, start), gamma)
+    best = action_values(moves, optimal_values(moves, gamma, start), gamma)  # (n, 8)
     choice = (best >= best.max(axis=1, keepdims=True) - _TIE).argmax(axis=1)
     every = np.arange(len(best))
     ahead = moves.next_cell[every, choice]
@@ -110,10 +110,10 @@ def best_ratios(world: World, gamma: float) -> Floats:
         at[under_way] = ahead[at[under_way]]
 
     length[at != goal] = np.inf
+    ratios = np.full(len(best), np.nan)
+    np.divide(length, to_go, out=ratios, where=is_start)
 
-    return np.divide(length, to_go, out=np.full(len(best), np.nan), where=is_start).reshape(
-        world.feasible.shape
-    )
+    return ratios.reshape(world.feasible.shape)
 
 
 def count_longer(ratios: Floats) -> str:
@@ -130,11 +130,11 @@ def optimal_values(moves: Transition, gamma: float, start: int) -> Floats:
     Values of other cells mean nothing: at a discount of 1 those that the goal cannot be reached
     from have none.
     """
-    values = np.zeros(len(moves.next_cell))
+    values: Floats = np.zeros(len(moves.next_cell))
     seen = reached(moves, start)
 
     while True:  # to an end: going in circles costs, and the goal can be reached
-        better = action_values(moves, values, gamma).max(axis=1)
+        better: Floats = action_values(moves, values, gamma).max(axis=1)
         is_still = np.abs(better - values)[seen].max() <= _TIE / 1e3
         values = better
         if is_still:
@@ -153,21 +153,28 @@ def random_spread(moves: Transition, gamma: float, start: int) -> float:
     gamma^2 P M, where P leads on from moves that do not end the episode (Sobel 1982, "The variance
     of discounted Markov decision processes").
     """
-    seen = reached(moves, start)  # elsewhere, a discount of 1 has no finite return
+    # The transitions among the cells that are reached, numbered anew: elsewhere, a discount of 1
+    # has no finite return.
+    seen = reached(moves, start)
     place = np.zeros(len(moves.next_cell), dtype=np.int64)
     place[seen] = np.arange(len(seen))
-    reward = moves.reward[seen]
-    ahead = place[moves.next_cell[seen]]
-    goes_on = ~moves.is_terminated[seen]
+    reward = moves.reward[seen]  # (cells, 8)
+    ahead = place[moves.next_cell[seen]]  # (cells, 8)
+    goes_on = ~moves.is_terminated[seen]  # (cells, 8)
+
+    # P, (cells, cells)
     cells, actions = ahead.shape
     rows = np.repeat(np.arange(cells), actions)
     onward = csr_array((goes_on.ravel() / actions, (rows, ahead.ravel())), shape=(cells, cells))
     unit = eye_array(cells, format="csr")
+
+    # V, then M, (cells,) each
     first = spsolve((unit - gamma * onward).tocsc(), reward.mean(axis=1))
     known = (reward**2 + 2.0 * gamma * reward * goes_on * first[ahead]).mean(axis=1)
     second = spsolve((unit - gamma**2 * onward).tocsc(), known)
-    at = int(place[start])
 
+    # the variance; rounding must not make it negative
+    at = int(place[start])
     return float(np.sqrt(max(second[at] - first[at] ** 2, 0.0)))
 
 
@@ -176,7 +183,8 @@ def reached(moves: Transition, start: int) -> NDArray[np.int64]:
     sorted.
     """
     seen = np.zeros(len(moves.next_cell), dtype=bool)
-    seen[start], new = True, np.array([start])
+    seen[start] = True
+    new = np.array([start])
 
     while len(new):
         ahead = np.unique(moves.next_cell[new][~moves.is_terminated[new]])

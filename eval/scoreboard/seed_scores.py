@@ -4,13 +4,14 @@ all problems.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isinf
+from math import inf
 from typing import Any
 
 import numpy as np
 
-from agents.registry import Algorithm
+from agents.registry import ALGORITHMS
 from agents.rollout.episode import EpisodeResult, evaluation_env
+from eval.estimates import estimate_as_json
 from eval.scoreboard.results import Group, Result
 from eval.scoreboard.score import RANDOM, play_references
 from eval.statistics import (
@@ -23,13 +24,6 @@ from eval.statistics import (
     share,
 )
 
-TITLES: dict[Algorithm, str] = {
-    "ppo": "PPO",
-    "maskable_ppo": "MaskablePPO",
-    "dqn": "DQN",
-    "qr_dqn": "QR-DQN",
-    "q_learning": "Q-learning",
-}
 AGGREGATES = {"mean": mean, "iqm": interquartile_mean, "gap": optimality_gap}
 METRICS: dict[str, Callable[[EpisodeResult], float]] = {
     "spl": lambda episode: episode.spl,
@@ -71,21 +65,6 @@ class SeedScores:
         return {**vars(self), "seeds": list(self.seeds), "estimates": estimates}
 
 
-def estimate_as_json(found: Estimate) -> dict[str, Any]:
-    """An estimate for JSON; ``"interval"`` is null where there is none, and null stands for
-    infinity elsewhere.
-    """
-    interval = (
-        None if found.low is None or found.high is None else [finite(found.low), finite(found.high)]
-    )
-    return {"value": finite(found.value), "interval": interval, "note": found.note}
-
-
-def finite(value: float) -> float | None:
-    """The number, or None for infinity."""
-    return None if isinf(value) else value
-
-
 def learned(name: str, results: Sequence[Result], left_out: int) -> SeedScores:
     """Standing of one group of runs; it has no estimates where all its runs are left out."""
     estimates = _of_episodes([each.episode for each in results]) if results else {}
@@ -106,7 +85,7 @@ def references(
 
     for name, played in play_references(env, {}, episodes, seed).items():
         estimates = _of_episodes(played)
-        if name not in RANDOM:
+        if name not in RANDOM:  # one episode is all that it ever does: no interval
             estimates = {
                 key: replace(each, low=None, high=None, note="") for key, each in estimates.items()
             }
@@ -126,13 +105,17 @@ def overall(name: str, groups: Sequence[Sequence[Result]], problems: int) -> dic
     Where the problems do not have the same seeds, those that all have count.
     """
     by_seed = [{each.seed: each.episode for each in results} for results in groups]
+
+    # only a seed that played every problem can be resampled as a whole
     seeds = sorted(set.intersection(*map(set, by_seed)))
     found: dict[str, Any] = {"name": name, "problems": len(groups), "of": problems, "seeds": seeds}
     runs = [each for results in groups for each in results]
     found["at_optimum"] = {"runs": sum(each.episode.is_optimal for each in runs), "of": len(runs)}
 
     for score, value in METRICS.items():
+        # (seeds, problems)
         table = [[value(episodes[seed]) for episodes in by_seed] for seed in seeds]
+
         for aggregate, statistic in AGGREGATES.items():
             found[f"{score}_{aggregate}"] = (
                 estimate_as_json(estimate(table, statistic)) if seeds else None
@@ -158,7 +141,7 @@ def group_names(groups: Sequence[Group]) -> dict[Group, str]:
                 f"{name.partition('.')[2]} {value}"
                 for name, value in _differences(group, usual).items()
             ]
-            names[group] = ", ".join([TITLES[algorithm], *words])
+            names[group] = ", ".join([ALGORITHMS[algorithm].title, *words])
 
     return names
 

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from agents.rollout.episode import EpisodeResult
 from eval.pictures import add_legend, as_png, literal
-from eval.scoreboard.overlay import BROAD, RIM, draw_ends, draw_map
+from eval.scoreboard.overlay import BROAD, RIM, draw_ends, draw_feasible_map
 from irs_gym.mdp.task import World
 
 COLUMNS = 4
@@ -28,13 +29,15 @@ class Scenery:
     oracle: NDArray[np.int64]
 
 
-def choose(spl: NDArray[np.float64], detour: NDArray[np.float64]) -> list[int]:
+def choose_scenes(spl: NDArray[np.float64], detour: NDArray[np.float64]) -> list[int]:
     """Numbers of two scenes with the longest detours among those solved well, and of two with the
     lowest SPL.
     """
     well = np.flatnonzero(spl > 0.95)
     best = well[np.argsort(-detour[well], kind="stable")][: COLUMNS // 2]
-    return [*best.tolist(), *np.lexsort((-detour, spl))[: COLUMNS // 2].tolist()]
+    worst = np.lexsort((-detour, spl))[: COLUMNS // 2]  # of equal SPL, the longest detours first
+
+    return [*best.tolist(), *worst.tolist()]
 
 
 def draw_gallery(sceneries: Sequence[Scenery]) -> bytes:
@@ -44,20 +47,7 @@ def draw_gallery(sceneries: Sequence[Scenery]) -> bytes:
     axes = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
 
     for each, place in zip(sceneries, axes, strict=False):
-        draw_map(place, each.world)
-        centres = each.world.radio_map.grid.centres()
-        oracle = place.plot(*centres[tuple(each.oracle.T)].T, label="oracle", **BROAD)[0]
-        oracle.set_path_effects(RIM)
-        place.plot(
-            *centres[tuple(each.episode.path.T)].T, color="tab:red", linewidth=2.0, label="policy"
-        )
-        draw_ends(place, each.world, size=6.0)
-        ratio = each.episode.ratio
-        result = "goal not reached" if ratio is None else f"{ratio:.3f} times the oracle's"
-        place.set_title(
-            f"{literal(each.policy)}\n{literal(each.scene)}: {result}", fontsize="small"
-        )
-        place.set(xticks=[], yticks=[])
+        _draw_scenery(place, each)
 
     for place in axes[len(sceneries) :]:
         place.set_visible(False)
@@ -65,3 +55,21 @@ def draw_gallery(sceneries: Sequence[Scenery]) -> bytes:
     add_legend(figure, axes[0].get_legend_handles_labels()[0])
 
     return as_png(figure, dpi=80, in_palette=True)
+
+
+def _draw_scenery(axes: Axes, scenery: Scenery) -> None:
+    """One picture: the oracle's path below the policy's, and the ratio of their lengths."""
+    draw_feasible_map(axes, scenery.world)
+    centres = scenery.world.radio_map.grid.centres()  # (X, Y, 2)
+
+    oracle = axes.plot(*centres[tuple(scenery.oracle.T)].T, label="oracle", **BROAD)[0]
+    oracle.set_path_effects(RIM)
+    path = centres[tuple(scenery.episode.path.T)]  # (T, 2)
+    axes.plot(*path.T, color="tab:red", linewidth=2.0, label="policy")
+    draw_ends(axes, scenery.world, size=6.0)
+
+    ratio = scenery.episode.ratio
+    result = "goal not reached" if ratio is None else f"{ratio:.3f} times the oracle's"
+    title = f"{literal(scenery.policy)}\n{literal(scenery.scene)}: {result}"
+    axes.set_title(title, fontsize="small")
+    axes.set(xticks=[], yticks=[])

@@ -16,11 +16,11 @@ import torch
 from numpy.typing import NDArray
 from rich.progress import track
 
-from agents.registry import LOCAL
+from agents.registry import ALGORITHMS, observation_of
 from agents.rollout.scene_set import SceneSetResults
 from agents.runs.manifest import GeneralistEntry
 from agents.runs.run_folder import Run, RunError
-from eval.scoreboard.results import COMPLETE, SETTINGS_LENGTH, LeftOut, find_runs, read_curve
+from eval.scoreboard.results import COMPLETE, LeftOut, find_runs, read_curve, settings_text
 from eval.unseen.scores import Player, player_of, reference
 from irs_gym.datasets.generator import VERSION
 from irs_gym.datasets.scene_set import SceneSet
@@ -28,17 +28,7 @@ from irs_gym.files import read_arrays, write_file
 
 Track = Literal["map", "local"]
 USUAL_SCENES = 3000
-TITLES = {
-    "planner": "planning network, imitation",
-    "planner_ppo": "planning network, PPO alone",
-    "unet": "U-Net, imitation",
-    "unet_ppo": "U-Net, imitation, then PPO",
-    "vin": "value-iteration network, imitation",
-    "map_ppo": "PPO (SB3), convolutional",
-    "explorer": "explorer: imitation with memory",
-    "explorer_ppo": "explorer: PPO with memory",
-    "local_ppo": "PPO (SB3)",
-    "recurrent_ppo": "RecurrentPPO (sb3-contrib)",
+REFERENCE_TITLES = {
     "replanning": "optimistic replanning",
     "untrained_explorer": "explorer, untrained",
     "greedy": "greedy (octile)",
@@ -81,6 +71,10 @@ class PolicyResult:
         return np.stack([value(each) for each in self.episodes[name]]).astype(np.float64)
 
 
+PlayedGroups = dict[tuple[str, str], list[tuple[Run, dict[str, SceneSetResults]]]]
+"""By algorithm and settings: the runs that differ in the seed alone, and what each did."""
+
+
 def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
     """Complete runs over many scenes below a folder, and the others."""
     runs = []
@@ -96,7 +90,7 @@ def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
             if run.manifest.status not in COMPLETE:
                 raise ValueError(f"has not ended: its status is {run.manifest.status!r}")
 
-            _check(run)
+            _check_generalist(run)
             runs.append(run)
         except Exception as error:
             left_out.append(LeftOut.of(each, error))
@@ -109,19 +103,16 @@ def pace(run: Run) -> tuple[float, float]:
     cannot be read.
     """
     last = read_curve(run)[-1]
+    damaged = f"{str(run.folder / 'learning_curve.csv')!r} is damaged"
 
     try:
         steps = float(last["steps"])
         seconds = float(last["seconds"])
     except (KeyError, TypeError, ValueError) as error:
-        raise RunError(
-            f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {error!r}"
-        ) from None
+        raise RunError(f"{damaged}: {error!r}") from None
 
     if not (0 <= steps < inf and 0 < seconds < inf):
-        raise RunError(
-            f"{str(run.folder / 'learning_curve.csv')!r} is damaged: {steps} steps in {seconds} seconds"
-        )
+        raise RunError(f"{damaged}: {steps} steps in {seconds} seconds")
 
     return steps, seconds
 
@@ -139,8 +130,9 @@ def result_of_runs(
     bar is shown where it has a title. A run that cannot be played is left out, whatever it raises.
     """
     in_order = sorted(runs, key=lambda run: run.config.seed)
-    groups: dict[tuple[str, str], list[tuple[Run, dict[str, SceneSetResults]]]] = {}
+    groups: PlayedGroups = {}
     left_out = []
+
     # PyTorch works outside of the interpreter's lock. Of its own threads one each is enough: more
     # wait for each other.
     threads = ThreadPoolExecutor(jobs, initializer=partial(torch.set_num_threads, 1))
@@ -162,44 +154,48 @@ def result_of_runs(
     finally:
         threads.shutdown(wait=False, cancel_futures=True)  # a Ctrl-C does not wait for them
 
-    entrants = []
-    for (algorithm, settings), found in groups.items():
-        others = [json.loads(other) for name, other in groups if name == algorithm]
-        entrants.append(
-            PolicyResult(
-                algorithm=algorithm,
-                name=", ".join([TITLES[algorithm], *_differences(json.loads(settings), others)]),
-                track=track_of(algorithm),
-                scenes=found[0][0].config.env["num_scenes"],
-                runs=tuple(run for run, _ in found),
-                episodes={name: [each[name] for _, each in found] for name in found[0][1]},
-            )
-        )
-
-    order = list(TITLES)
+    order = list(ALGORITHMS)
+    entrants = [_result_of_group(groups, key) for key in groups]
     entrants.sort(key=lambda each: (order.index(each.algorithm), each.name, each.scenes or 0))
 
     return entrants, left_out
 
 
+def _result_of_group(groups: PlayedGroups, key: tuple[str, str]) -> PolicyResult:
+    """One of the groups, named by what sets it apart from those of the same algorithm."""
+    algorithm, settings = key
+    found = groups[key]
+    first, sets = found[0]
+    others = [json.loads(other) for name, other in groups if name == algorithm]
+
+    return PolicyResult(
+        algorithm=algorithm,
+        name=", ".join([ALGORITHMS[algorithm].title, *_differences(json.loads(settings), others)]),
+        track=track_of(algorithm),
+        scenes=first.config.env["num_scenes"],
+        runs=tuple(run for run, _ in found),
+        episodes={name: [each[name] for _, each in found] for name in sets},
+    )
+
+
 def result_of_reference(name: str, pools: Mapping[str, SceneSet], folder: Path) -> PolicyResult:
-    """Play a reference policy of the local track; what was played before is read from the folder."""
+    """Play a reference of the local track; what was played before is read from the folder."""
     player = reference(name)
     episodes = {
         each: [kept(folder / f"{name}-{each}.npz", pool, "", player)]
         for each, pool in pools.items()
     }
-    return PolicyResult(name, TITLES[name], "local", None, (), episodes)
+    return PolicyResult(name, REFERENCE_TITLES[name], "local", None, (), episodes)
 
 
 def is_point(algorithm: str, scenes: int | None) -> bool:
-    """Whether an entrant is but a point of the curve of the planning network over training scenes."""
+    """Whether it is but a point of the planning network's curve over training scenes."""
     return algorithm == "planner" and scenes != USUAL_SCENES
 
 
 def track_of(algorithm: str) -> Track:
     """What an algorithm's policies see."""
-    return "local" if algorithm in LOCAL else "map"
+    return "map" if observation_of(algorithm) == "map" else "local"
 
 
 def kept(file: Path, pool: SceneSet, model: str, player: Player) -> SceneSetResults:
@@ -232,26 +228,23 @@ def _read_episodes(file: Path, key: str, pool: SceneSet) -> SceneSetResults | No
 
     is_success = arrays["is_success"]
     distance = arrays["distance"]
-    is_whole = is_success.shape == distance.shape == (len(pool),) and (
-        is_success.dtype,
-        distance.dtype,
-    ) == (
-        bool,
-        float,
+    is_whole = (
+        is_success.shape == distance.shape == (len(pool),)
+        and is_success.dtype == np.bool_
+        and distance.dtype == np.float64
     )
-    if (
-        not is_whole
-        or not np.all((distance >= 0) & (distance < np.inf))
-        or np.any(is_success & (distance == 0))
-    ):
+    if not is_whole or arrays["key"].tolist() != key:
         return None
-    if arrays["key"].tolist() != key:
+
+    # NaN is in no range; who arrives has gone some way
+    in_range = np.all((distance >= 0) & (distance < np.inf))
+    if not in_range or np.any(is_success & (distance == 0)):
         return None
 
     return SceneSetResults(is_success, distance, pool.oracle_distance)
 
 
-def _check(run: Run) -> None:
+def _check_generalist(run: Run) -> None:
     """Refuse a run over many scenes that cannot stand on a page."""
     scenes = run.config.env.get("num_scenes")
     if not isinstance(scenes, int) or scenes < 1:
@@ -283,15 +276,9 @@ def _play(run: Run, pools: Mapping[str, SceneSet]) -> dict[str, SceneSetResults]
 
 
 def _settings(run: Run) -> str:
-    """All that runs of one entrant have in common; of weights to begin with that is whose they are."""
+    """All that runs of one group share; of weights to begin with, that is whose they are."""
     agent = {**run.config.agent, "weights": _maker(run.config.agent.get("weights"))}
-    settings = json.dumps({"agent": agent, "env": run.config.env}, sort_keys=True, allow_nan=False)
-    if len(settings) > SETTINGS_LENGTH:
-        raise RunError(
-            f"its settings have {len(settings):,} characters, and at most {SETTINGS_LENGTH:,} are read"
-        )
-
-    return settings
+    return settings_text({"agent": agent, "env": run.config.env})
 
 
 def _maker(weights: str | None) -> str | None:

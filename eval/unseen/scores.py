@@ -16,6 +16,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from agents.learning.local_configs import ExplorerConfig
+from agents.learning.map_configs import network_settings
+from agents.learning.map_learner import first_network
 from agents.policies.explorer_policy import Explorer
 from agents.policies.heuristics import RULES
 from agents.policies.replanning import Replanner
@@ -33,13 +35,8 @@ from irs_gym.radio.scene import load_scene, load_scenes
 
 HARD = 1.2  # a detour (oracle's distance over octile distance) above which a scene is hard
 PAPER_TARGETS_DB = (-63.0, -62.0, -61.8, -61.0, -60.0)
-UNSEEN_REFERENCES = (
-    "oracle",
-    "replanning",
-    "untrained_explorer",
-    "greedy",
-    "greedy_margin",
-)  # the same in every episode
+# the same in every episode
+UNSEEN_REFERENCES = ("oracle", "replanning", "untrained_explorer", "greedy", "greedy_margin")
 
 
 @dataclass(frozen=True)
@@ -88,16 +85,16 @@ def player_of(run: Run, model: str = "best") -> Player:
     RunError
         Where the run's policy acts in its own scene alone, or its file is damaged.
     """
+    algorithm: Any = run.config.algorithm
     if not run.is_generalist:
         raise RunError(
-            f"{str(run.folder)!r} is a run of {run.config.algorithm}, which acts in its own scene alone"
+            f"{str(run.folder)!r} is a run of {algorithm}, which acts in its own scene alone"
         )
 
-    algorithm = run.config.algorithm
-    return Player(
-        algorithm,
-        partial(play_scene_set, run.load_model(model), observation=observation_of(algorithm)),
-    )
+    observation = observation_of(algorithm)
+    play = partial(play_scene_set, run.load_model(model), observation=observation)
+
+    return Player(algorithm, play)
 
 
 def reference(name: str) -> Player:
@@ -117,14 +114,15 @@ def explore_untrained(pool: SceneSet) -> SceneSetResults:
     """
     config = ExplorerConfig()
     torch.manual_seed(0)
-    return play_scene_set(Explorer(config.shape, config.build_network()), pool)
+    return play_scene_set(Explorer(network_settings(config), first_network(config)), pool)
 
 
 def apply(name: str, pool: SceneSet) -> SceneSetResults:
     """Episodes of one of `agents.policies.heuristics.RULES`."""
     worlds = build_worlds(RandomTask(scenes=pool))
     each = ((worlds.world(n), worlds.world(n).goal) for n in range(len(pool)))
-    choices = np.stack([RULES[name](world, goal) for world, goal in each]).transpose(0, 3, 1, 2)
+    choices = np.stack([RULES[name](world, goal) for world, goal in each])  # (S, X, Y, 8)
+    choices = choices.transpose(0, 3, 1, 2)
 
     return follow(choices.astype(np.float32), pool)
 

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from irs_gym.grid import flat_cells
 from irs_gym.mdp.dynamics import ACTIONS
 from irs_gym.mdp.task import Observation
 
@@ -278,12 +279,11 @@ class Packing:
 
         is_masked = self.observation == "masked"
         robots, goals = cells_of_positions(position, self.shape)  # (..., 2)
-        flat_of = np.array([self.shape[1], 1])
 
         return DecodedObservation(
             margin=patch.reshape(*position.shape[:-1], self.side, self.side),
-            cell=robots @ flat_of,
-            goal=goals @ flat_of,
+            cell=flat_cells(robots, self.shape),
+            goal=flat_cells(goals, self.shape),
             irs=irs[..., :SETTINGS],
             phases=irs[..., SETTINGS:],
             action_mask=np.asarray(observation["action_mask"]) if is_masked else None,

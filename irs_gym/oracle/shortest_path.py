@@ -49,9 +49,10 @@ class Path:
 
     Examples
     --------
-    >>> path = shortest_path(np.ones((3, 2), dtype=bool), (0, 0), (2, 0), cell_size=0.5)
-    >>> path.distance, path.cells.tolist()
-    (1.0, [[0, 0], [1, 0], [2, 0]])
+    >>> import numpy as np
+    >>> path = Path(distance=1.0, cells=np.array([[0, 0], [1, 0], [2, 0]]))
+    >>> len(path.cells), path.distance
+    (3, 1.0)
     """
 
     distance: float
@@ -97,10 +98,14 @@ def shortest_path(
 
     Examples
     --------
-    >>> feasible = np.ones((3, 2), dtype=bool)
-    >>> feasible[1, 0] = False
-    >>> shortest_path(feasible, (0, 0), (2, 0), cell_size=0.5).cells.tolist()
-    [[0, 0], [1, 1], [2, 0]]
+    >>> import numpy as np
+    >>> feasible = np.ones((3, 3), dtype=bool)
+    >>> feasible[1, :2] = False  # a wall with a gap at its upper end
+    >>> path = shortest_path(feasible, (0, 0), (2, 0), cell_size=0.5)
+    >>> path.cells.tolist()
+    [[0, 0], [0, 1], [1, 2], [2, 1], [2, 0]]
+    >>> round(path.distance, 3)
+    2.414
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -136,8 +141,9 @@ def distance_to_go(
 
     Examples
     --------
-    >>> distance_to_go(np.ones((3, 2), dtype=bool), goal=(2, 0), cell_size=0.5).round(3).tolist()
-    [[1.0, 1.207], [0.5, 0.707], [0.0, 0.5]]
+    >>> import numpy as np
+    >>> distance_to_go(np.ones((2, 3), dtype=bool), (0, 0), cell_size=0.5).round(3).tolist()
+    [[0.0, 0.5, 1.0], [0.5, 0.707, 1.207]]
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
@@ -235,8 +241,10 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
 
     Examples
     --------
-    >>> highest_feasible_target(np.array([[-60.0], [-65.0], [-62.0]]), (0, 0), (2, 0))
-    -65.0
+    >>> import numpy as np
+    >>> gain_db = np.array([[-60.0, -70.0, -60.0], [-62.0, -64.0, -61.0]])
+    >>> highest_feasible_target(gain_db, (0, 0), (0, 2))  # over the second row
+    -64.0
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     start = as_cell(start, "start")

@@ -57,9 +57,12 @@ def straight_line_bound(
 
     Examples
     --------
-    >>> free_floor = np.ones((4, 3), dtype=bool)
-    >>> round(straight_line_bound(free_floor, (0, 0), (3, 2), cell_size=1.0), 3)  # sqrt(13)
-    3.606
+    >>> import numpy as np
+    >>> feasible = np.ones((5, 3), dtype=bool)
+    >>> round(straight_line_bound(feasible, (0, 0), (4, 1), cell_size=0.5), 3)  # hypot(4, 1) cells
+    2.062
+    >>> round(shortest_path(feasible, (0, 0), (4, 1), cell_size=0.5).distance, 3)
+    2.207
     """
     if shapely is None:
         raise ModuleNotFoundError(

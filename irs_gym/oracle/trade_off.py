@@ -34,9 +34,10 @@ class TradeOff:
 
     Examples
     --------
-    >>> curve = TradeOff(np.array([-80.0, -60.0]), np.array([4.0, 4.8]), dijkstra_runs=3)
-    >>> curve.distance_at([-80.0, -70.0, -50.0]).tolist()
-    [4.0, 4.8, inf]
+    >>> import numpy as np
+    >>> steps = TradeOff(np.array([-64.0, -60.0]), np.array([1.0, 1.5]), dijkstra_runs=3)
+    >>> steps.distance_at([-65.0, -60.0, -59.0]).tolist()
+    [1.0, 1.5, inf]
     """
 
     targets_db: NDArray[np.float64]
@@ -87,11 +88,13 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
 
     Examples
     --------
-    >>> gain_db = np.full((5, 2), -60.0)
-    >>> gain_db[2, 0] = -80.0  # a shadow on the straight way
-    >>> curve = trade_off(gain_db, (0, 0), (4, 0), cell_size=1.0)
-    >>> curve.targets_db.tolist(), curve.distances.round(3).tolist()
-    ([-80.0, -60.0], [4.0, 4.828])
+    >>> import numpy as np
+    >>> gain_db = np.array([[-60.0, -70.0, -60.0], [-62.0, -64.0, -61.0]])
+    >>> steps = trade_off(gain_db, (0, 0), (0, 2), cell_size=0.5)
+    >>> steps.targets_db.tolist()  # straight on over -70 dB, around it over -64 dB
+    [-70.0, -64.0]
+    >>> steps.distances.round(3).tolist()
+    [1.0, 1.414]
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
     if gain_db.size > _MOST_CELLS:

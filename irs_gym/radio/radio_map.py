@@ -46,9 +46,10 @@ class RadioMap:
 
     Examples
     --------
-    >>> radio_map = RadioMap.from_array(np.array([[-60.0, -70.0], [-np.inf, -65.0]]), cell_size=0.5)
-    >>> radio_map.feasible(-66.0).tolist()
-    [[True, False], [False, True]]
+    >>> import numpy as np
+    >>> radio_map = RadioMap.from_array([[-60.0, -np.inf, -70.0]], cell_size=0.5)
+    >>> radio_map.feasible(-65.0).tolist(), radio_map.free.tolist()
+    ([[True, False, False]], [[True, False, True]])
     """
 
     gain_db: NDArray[np.float64]
@@ -298,9 +299,11 @@ def build_radio_map(
 
     Examples
     --------
-    >>> radio_map = build_radio_map("paper", phase_bits=1)
-    >>> radio_map.gain_db.shape, int(radio_map.feasible(-61.8).sum())
-    ((40, 40), 722)
+    >>> import numpy as np
+    >>> with_irs = build_radio_map("paper", cell_size=1.0)
+    >>> without_irs = build_radio_map("paper", cell_size=1.0, irs_elements=0)
+    >>> bool(np.all(with_irs.gain_db >= without_irs.gain_db))
+    True
     """
     model = RadioModel.of(scene, cell_size, irs_elements, phase_bits, quantiser, array_model)
     return build_map_and_shifts(model, needs_shifts=False)[0]
@@ -322,9 +325,8 @@ def build_phase_shifts(
 
     Examples
     --------
-    >>> shifts = build_phase_shifts("paper", cell_size=1.0, phase_bits=1)
-    >>> shifts.shape, np.unique(shifts / np.pi).round().tolist()  # two levels, 0 and pi
-    ((20, 20, 60), [0.0, 1.0])
+    >>> build_phase_shifts("paper", cell_size=1.0, phase_bits=1).shape  # 60 sub-surfaces
+    (20, 20, 60)
     """
     model = RadioModel.of(scene, cell_size, irs_elements, phase_bits, quantiser, array_model)
     _check_work(model, needs_shifts=True)

@@ -188,10 +188,12 @@ class Scene(_Part):
 
     Examples
     --------
-    >>> data = load_scene("paper").to_data() | {"name": "mine", "target_db": -60.0}
-    >>> scene = Scene.from_data(data)
-    >>> scene.name, scene.grid(cell_size=0.5).shape
-    ('mine', (40, 40))
+    >>> scene = load_scene("paper")
+    >>> len(scene.obstacles), scene.irs_panels[0].elements
+    (5, 1200)
+    >>> Scene.from_data({**scene.to_data(), "carrier_ghz": -2.0})
+    Traceback (most recent call last):
+    ValueError: scene: carrier_ghz: Input should be greater than 0 (got -2.0)
     """
 
     format_version: Literal[1] = 1
@@ -388,8 +390,8 @@ def load_scene(source: str | Path) -> Scene:
 
     Examples
     --------
-    >>> load_scene("paper").start
-    (-10.0, 0.0)
+    >>> load_scene("paper").room.height
+    5.0
     """
     place = as_path(source, "scene")
     if source in scene_names():

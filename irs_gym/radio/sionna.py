@@ -43,14 +43,15 @@ def from_sionna(radio_map: Any, free: NDArray[np.bool_] | None = None) -> RadioM
 
     Examples
     --------
+    What stands in for Sionna's result here is made by hand:
+
     >>> from types import SimpleNamespace
-    >>> traced = SimpleNamespace(
-    ...     path_gain=np.array([[[1e-6, 1e-7]], [[0.0, 1e-5]]]),  # (2 transmitters, Y=1, X=2)
-    ...     cell_centers=np.array([[[0.5, 0.5, 1.0], [1.5, 0.5, 1.0]]]),
-    ...     cell_size=(1.0, 1.0),
-    ... )
-    >>> from_sionna(traced).gain_db.tolist()
-    [[-60.0], [-50.0]]
+    >>> centres = [[[0.25, 0.25, 1.5], [0.75, 0.25, 1.5]]]  # two cells along x
+    >>> path_gain = [[[1e-6, 0.0]]]
+    >>> traced = SimpleNamespace(path_gain=path_gain, cell_centers=centres, cell_size=(0.5, 0.5))
+    >>> radio_map = from_sionna(traced)
+    >>> radio_map.gain_db.tolist(), radio_map.grid.origin
+    ([[-60.0], [-inf]], (0.0, 0.0))
     """
     missing = [
         name for name in ("path_gain", "cell_centers", "cell_size") if not hasattr(radio_map, name)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from irs_gym.grid import Cell
 from irs_gym.mdp.dynamics import ACTIONS, tabulate
 from irs_gym.mdp.observation import build_observer
-from irs_gym.mdp.packing import Parts
+from irs_gym.mdp.packing import Packing, Parts, Rows
 from irs_gym.mdp.task import World
 from irs_gym.memory import freeze
 from irs_gym.vector.protocols import Outcome, States
@@ -19,8 +19,10 @@ from irs_gym.vector.protocols import Outcome, States
 
 @dataclass(frozen=True, eq=False)
 class OneScene:
-    """The rules of one world. A state is a flat cell plus ``X * Y`` times the number of its goal.
-    S states, 8 actions.
+    """The rules and the map of one world, for the goals in use.
+
+    A state is a flat cell plus ``X * Y`` times the number of its goal: S states, 8 actions. The
+    entry of a state and an action in a table is 8 times the state plus the action.
 
     What each method gives for states is described in `irs_gym.vector.protocols.TransitionModel`.
     """
@@ -50,40 +52,54 @@ class OneScene:
     def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:  # noqa: D102
         entry = states * ACTIONS
         entry += actions
-        terminated = self.is_terminated.take(entry)
-        # where moves are refused, only the goal ends an episode
-        is_refusing = self.cost is None
+        is_terminated = self.is_terminated.take(entry)
+
+        # Where moves are refused, nothing costs, and only the goal ends an episode.
+        if self.cost is None:
+            cost = None
+            is_at_goal = is_terminated
+        else:
+            cost = self.cost.take(entry)
+            is_at_goal = self.is_at_goal.take(entry)
 
         return Outcome(
             self.next_state.take(entry),
             self.reward.take(entry),
             self.moved.take(entry),
-            terminated,
-            None if self.cost is None else self.cost.take(entry),
-            terminated if is_refusing else self.is_at_goal.take(entry),
+            is_terminated,
+            cost,
+            is_at_goal,
         )
 
     def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
         if self.observations is not None and out is None:
             return tuple([table.take(states, axis=0) for table in self.observations])
+
         if self.observations is not None and out is not None:
             # "clip" is the fast mode of a gather into an array; states come from the tables and are
-            # in range
+            # in range.
             for table, part in zip(self.observations, out, strict=True):
                 table.take(states, axis=0, out=part, mode="clip")
+
             return out
 
         packing = build_observer(self.world, self.goals[0]).packing
         out = packing.empty(len(states)) if out is None else out
-        numbers, cells = np.divmod(states, self.world.feasible.size)
+        self._observe_by_goal(states, packing, out)
+
+        return out
+
+    def _observe_by_goal(self, states: States, packing: Packing, out: Parts) -> None:
+        """Write what is seen, without a table of all that there is to see: goal by goal."""
+        numbers, cells = np.divmod(states, self.world.feasible.size)  # (n,) each
+
         for number, goal in enumerate(self.goals):
             here = numbers == number
             rows = np.empty((int(np.count_nonzero(here)), packing.width), dtype=np.float32)
             rows = build_observer(self.world, goal).rows(cells[here], rows)
+
             for part, its in zip(out, packing.split(rows), strict=True):
                 part[here] = its
-
-        return out
 
     def cells(self, states: States) -> States:  # noqa: D102
         return states % self.world.feasible.size if len(self.goals) > 1 else states
@@ -104,32 +120,36 @@ class OneScene:
 def build_one_scene(world: World, goals: tuple[Cell, ...]) -> OneScene:
     """Tables of a world for the goals; a goal that was used before costs no run of Dijkstra."""
     tables = [tabulate(world, goal) for goal in goals]
-    observed = [build_observer(world, goal).table for goal in goals]
-    packing = build_observer(world, goals[0]).packing
     size = world.feasible.size
+    next_states = [each.transition["next_cell"] + n * size for n, each in enumerate(tables)]
+
+    packing = build_observer(world, goals[0]).packing
+    observed = [build_observer(world, goal).table for goal in goals]
+    is_tabulated = all(each is not None for each in observed)
+    is_refusing = world.rules.constraint == "refuse"
 
     return OneScene(
         world=world,
         goals=goals,
-        next_state=_join(
-            [each.transition["next_cell"] + n * size for n, each in enumerate(tables)]
-        ),
+        next_state=_join(next_states),
         reward=_join([each.transition["reward"] for each in tables]),
         moved=_join([each.transition["moved"] for each in tables]),
-        cost=None
-        if world.task.constraint == "refuse"
-        else _join([each.transition["cost"] for each in tables]),
+        cost=None if is_refusing else _join([each.transition["cost"] for each in tables]),
         is_terminated=_join([each.transition["is_terminated"] for each in tables]),
         is_at_goal=_join([each.transition["is_at_goal"] for each in tables]),
         mask=_join([each.action_mask for each in tables]),
         to_go=_join([each.cell["distance_to_go"] for each in tables]),
         gain=_join([each.cell["gain_db"] for each in tables]),
         margin=_join([each.cell["margin_db"] for each in tables]),
-        observations=None
-        if any(each is None for each in observed)
-        else tuple(np.ascontiguousarray(each) for each in packing.split(_join(observed))),
+        observations=_parts(packing, _join(observed)) if is_tabulated else None,
     )
 
 
+def _parts(packing: Packing, rows: Rows) -> Parts:
+    """Rows taken apart, each part in memory of its own: gathers are faster."""
+    return tuple(np.ascontiguousarray(each) for each in packing.split(rows))
+
+
 def _join(parts: list[Any]) -> Any:
+    """Tables of several goals one behind the other."""
     return np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""`StateCode`: a robot's scene, cell and goal as one number, and `MoveBits`: its eight moves as one.
+"""`StateCode`: a robot's scene, cell and goal as one number; `MoveBits`: which moves it has.
 
 n robots then move by one addition, and all that they are told is gathered from tables.
 """
@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import MOVES, cells_at, flat_cells
+from irs_gym.mdp.dynamics import ACTIONS
 from irs_gym.memory import freeze, frozen
 from irs_gym.vector.protocols import States
 
 Ints = NDArray[np.int64]
-
-ACTIONS = len(MOVES)
 
 # The layout of a state, an int64, from the low bits up:
 #

@@ -13,20 +13,21 @@ import torch
 from tiny import TINY, call, curve, open_floor
 
 from agents.policies.policy import takes_masks
-from agents.registry import ALGORITHMS, model_class
+from agents.registry import learner_class, specialists
 from agents.rollout.episode import arguments_of, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
 from agents.runs.weights import WeightsError, load, pack
+from agents.single.model import build_model
 from agents.single.q_learning import QLearning, QLearningConfig
 from agents.vec_env import IrsNavVecEnv
 from eval.commands.score import score_run
 from irs_gym import RadioMap
 from irs_gym.mdp.dynamics import tabulate
 from irs_gym.mdp.task import Task, build_world
-from train.config import DEFAULTS
+from train.config import defaults_of
 
-NETWORKS = [algorithm for algorithm in ALGORITHMS if algorithm != "q_learning"]
+NETWORKS = [algorithm for algorithm in specialists() if algorithm != "q_learning"]
 SMALL = {
     "maskable_ppo": "--agent.n-envs 16 --agent.n-steps 32 --agent.batch-size 128 --eval-every 512",
     "dqn": "--agent.n-envs 8 --agent.learning-starts 256 --agent.batch-size 64 --agent.net-arch 32 "
@@ -53,13 +54,13 @@ def obstructed() -> Task:
 @pytest.mark.parametrize("algorithm", NETWORKS)
 def test_every_setting_reaches_the_learner(algorithm):
     agent = replace(
-        DEFAULTS[algorithm].agent,
+        defaults_of(algorithm).agent,
         gamma=0.9,
         learning_rate=0.5,
         final_learning_rate=0.25,
         net_arch=(9, 7),
     )
-    model = agent.build(IrsNavVecEnv(agent.n_envs, **arguments_of(obstructed())), seed=7)
+    model = build_model(agent, IrsNavVecEnv(agent.n_envs, **arguments_of(obstructed())), seed=7)
     assert [model.lr_schedule(left) for left in (1.0, 0.5, 0.0)] == [0.5, 0.375, 0.25]
     own = set(vars(agent)) - {
         "total_timesteps",
@@ -81,7 +82,7 @@ def test_every_setting_reaches_the_learner(algorithm):
 
 
 def test_only_the_masked_learner_takes_masks():
-    assert [name for name in ALGORITHMS if takes_masks(model_class(name))] == ["maskable_ppo"]
+    assert [name for name in specialists() if takes_masks(learner_class(name))] == ["maskable_ppo"]
 
 
 @pytest.mark.parametrize(
@@ -109,7 +110,7 @@ def test_settings_out_of_range_are_refused_by_name(capsys, tmp_path, algorithm, 
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", specialists())
 def test_each_algorithm_trains_into_a_run_that_can_be_scored(tmp_path, algorithm):
     assert (
         call(
@@ -153,7 +154,7 @@ def test_table_converges_to_the_values_of_dynamic_programming():
     agent = QLearningConfig(
         total_timesteps=40_000, n_envs=16, gamma=gamma, exploration_final_eps=1.0
     )
-    model = agent.build(IrsNavVecEnv(16, **arguments_of(task)), seed=1)
+    model = build_model(agent, IrsNavVecEnv(16, **arguments_of(task)), seed=1)
     model.learn(agent.total_timesteps, Nothing())
 
     world = build_world(task)
@@ -196,7 +197,7 @@ def test_truncated_episode_is_no_end_to_a_table():
     agent = QLearningConfig(
         n_envs=1, exploration_initial_eps=0.0, exploration_final_eps=0.0, gamma=1.0
     )
-    model = agent.build(IrsNavVecEnv(1, max_episode_steps=1, **arguments_of(task)), seed=0)
+    model = build_model(agent, IrsNavVecEnv(1, max_episode_steps=1, **arguments_of(task)), seed=0)
     model.table[:] = 5.0
     model.learn(1, Nothing())
     assert model.table[0, 0] == pytest.approx(5.0)  # 1 m east, 1 m nearer: no reward, and 5 m ahead
@@ -228,12 +229,12 @@ def choose(policy, observation: object, mask: np.ndarray) -> tuple[np.ndarray, n
 
 
 @pytest.mark.parametrize("observation", ["flat", "dict"])
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", specialists())
 def test_loaded_policy_acts_as_the_model_that_was_saved(tmp_path, algorithm, observation):
     task = replace(obstructed(), observation=observation, patch_radius=1)
-    agent = DEFAULTS[algorithm].agent
+    agent = defaults_of(algorithm).agent
     env = IrsNavVecEnv(agent.n_envs, **arguments_of(task))
-    model = agent.build(env, seed=5)
+    model = build_model(agent, env, seed=5)
     if algorithm == "q_learning":
         model.table[:] = np.random.default_rng(0).random(model.table.shape)
     config = Config(

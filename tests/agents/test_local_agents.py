@@ -9,13 +9,16 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from tiny_pool import tiny_pool
+from tiny_pool import resized, tiny_pool
 
 from agents.learning.dagger import Dagger
-from agents.learning.local_configs import ExplorerConfig, ExplorerPpoConfig, LocalPpoConfig
-from agents.learning.map_learner import MapLearner
+from agents.learning.explorer_ppo import ExplorerPpo
+from agents.learning.local_configs import ExplorerConfig, ExplorerPpoConfig, RobotBatchConfig
+from agents.learning.map_configs import network_settings
+from agents.learning.map_learner import MapLearner, first_network
 from agents.learning.ppo_loss import clipped_loss, generalized_advantages, sample_actions
-from agents.learning.robot_batch import RobotBatch, RobotBatchConfig
+from agents.learning.robot_batch import RobotBatch
+from agents.learning.sb3_configs import LocalPpoConfig
 from agents.networks.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
 from agents.networks.local_extractor import FRAME, LocalExtractor
 from agents.policies.belief_map import BeliefMap, patches_of
@@ -189,16 +192,16 @@ def test_explorer_remembers_by_its_state_alone():
     first, _ = env.reset(options={"scene_id": 0})
     action, memory = policy.predict(first)
     assert action.shape == ()
-    before = memory.seen.margin.copy()
+    before = memory.belief.margin.copy()
     later, *_ = env.step(int(action))
     _, memory_later = policy.predict(later, memory)
-    np.testing.assert_array_equal(memory.seen.margin, before)
-    assert np.isnan(memory_later.seen.maps).sum() <= np.isnan(memory.seen.maps).sum()
+    np.testing.assert_array_equal(memory.belief.margin, before)
+    assert np.isnan(memory_later.belief.maps).sum() <= np.isnan(memory.belief.maps).sum()
     batch, _ = policy.predict(np.stack([first, first]), None, np.array([True, True]))
     assert batch.tolist() == [int(action)] * 2
     _, forgot = policy.predict(later, memory, np.array([True]))
     _, fresh = policy.predict(later)
-    np.testing.assert_array_equal(forgot.seen.margin, fresh.seen.margin)
+    np.testing.assert_array_equal(forgot.belief.margin, fresh.belief.margin)
 
 
 def test_explorer_plays_the_single_task_too():
@@ -242,15 +245,15 @@ def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_g
     torch.manual_seed(0)
     teacher, ends = Dagger(config, ExplorerNetwork(8), np.random.default_rng(0)), 0
     for _ in range(20):
-        steps = 0 if teacher._expedition is None else teacher._expedition.steps.copy()
+        steps = 0 if teacher._robots is None else teacher._robots.steps.copy()
         teacher.update(POOL, 0.5)
-        robots = teacher._expedition
+        robots = teacher._robots
         cells, scenes = robots.cells, robots.scenes
         assert POOL.feasible[scenes, cells[:, 0], cells[:, 1]].all()
         assert (cells != POOL.goal[scenes]).any(axis=1).all()
         assert (robots.steps < 15).all()
         here = np.arange(len(cells))
-        assert not np.isnan(robots.seen.maps[here, cells[:, 0], cells[:, 1]]).any()
+        assert not np.isnan(robots.belief.maps[here, cells[:, 0], cells[:, 1]]).any()
         ends += int((robots.steps < steps).sum())
     assert ends > 0
 
@@ -293,28 +296,30 @@ def ppo(**more):
         robots=12, n_plans=3, plan_steps=4, patch_radius=2, width=8, total_timesteps=1, **more
     )
     torch.manual_seed(0)
-    return config.teacher(config.build_network(), np.random.default_rng(0))
+    return ExplorerPpo(config, first_network(config), np.random.default_rng(0))
 
 
-def test_rewards_of_an_episode_are_the_environments():
+@pytest.mark.parametrize("cell_size", [0.5, 0.25])
+def test_rewards_of_an_episode_are_the_environments(cell_size):
     """In units of a cell: minus the length of the move, plus progress, plus the bonus at the goal."""
+    pool = resized(POOL, cell_size)
     teacher = ppo()
-    env = env_of(POOL, observation="flat", patch_radius=2)
-    teacher._robots = robots = RobotBatch(teacher.config.terms, POOL, np.random.default_rng(1))
+    env = env_of(pool, observation="flat", patch_radius=2)
+    teacher._robots = robots = RobotBatch(teacher.config.terms, pool, np.random.default_rng(1))
     compared = 0
     for _ in range(15):
         scenes, fresh = robots.scenes.copy(), robots.steps == 0
         with torch.no_grad():
-            stage = teacher._advance(POOL, robots)
+            stage = teacher._advance(pool, robots)
         for n in np.flatnonzero(fresh):
-            if stage.cells[0, n] != POOL.start[scenes[n]] @ [POOL.shape[1], 1]:
+            if stage.cells[0, n] != pool.start[scenes[n]] @ [pool.shape[1], 1]:
                 continue  # the environment would begin elsewhere
             env.reset(options={"scene_id": int(scenes[n])})
             for k in range(4):
                 if not stage.took[k, n]:
                     break
                 _, reward, is_over, *_ = env.step(int(stage.actions[k, n]))
-                assert stage.rewards[k, n] * POOL.cell_size == pytest.approx(reward, abs=1e-4)
+                assert stage.rewards[k, n] * pool.cell_size == pytest.approx(reward, abs=1e-4)
                 assert stage.not_done[k, n] == (not is_over)
                 compared += 1
     assert compared > 20
@@ -383,11 +388,11 @@ def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
         learning_rate=4e-3,
     )
     torch.manual_seed(0)
-    teacher, taken = config.teacher(config.build_network(), np.random.default_rng(0)), 0
+    teacher, taken = ExplorerPpo(config, first_network(config), np.random.default_rng(0)), 0
     env = env_of(pool, observation="flat", patch_radius=2)
 
     def episode():
-        return roll_out(Explorer(config.shape, teacher.network, pool.shape), env)
+        return roll_out(Explorer(network_settings(config), teacher.network, pool.shape), env)
 
     assert episode().ratio > 1.2
     while taken < config.total_timesteps:

@@ -4,10 +4,11 @@ import pickle
 from dataclasses import replace
 from io import BytesIO
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
-from tiny_pool import tiny_pool
+from tiny_pool import resized, tiny_pool
 
 from agents.learning.imitation import imitation_loss
 from agents.learning.map_configs import (
@@ -18,8 +19,9 @@ from agents.learning.map_configs import (
     UNetPpoConfig,
     VinConfig,
 )
+from agents.learning.map_learner import MapLearner, first_network
 from agents.learning.symmetry import SYMMETRIES, sources, turn, turn_moves
-from agents.learning.whole_map_ppo import GOAL_BONUS, transition_tables_of
+from agents.learning.whole_map_ppo import transition_tables_of
 from agents.networks.map_network import (
     MapPlan,
     NetworkFileError,
@@ -72,7 +74,7 @@ def oracle_logits(pool):
 
 
 def learn(config, pool=POOL, seed=0):
-    return config.build(pool, seed).learn(config.total_timesteps, Nothing())
+    return MapLearner(config, pool, seed).learn(config.total_timesteps, Nothing())
 
 
 def weights(learner):
@@ -342,7 +344,7 @@ def test_damaged_network_file_is_refused(harm):
 def test_learner_taken_up_from_a_checkpoint_ends_with_the_same_weights(algorithm):
     config = SMALL[algorithm]
     whole = learn(config, seed=4)
-    half = config.build(POOL, 4).learn(config.total_timesteps // 2, Nothing())
+    half = MapLearner(config, POOL, 4).learn(config.total_timesteps // 2, Nothing())
     half = pickle.loads(pickle.dumps(half))
     assert half.pool is None
     half.pool = POOL
@@ -362,7 +364,7 @@ def test_same_seed_gives_the_same_weights_and_another_seed_others(algorithm):
 def test_imitation_sees_each_scene_once_before_any_a_second_time(monkeypatch):
     seen = []
     config = PlannerConfig(total_scenes=12, batch_scenes=2)
-    learner = config.build(POOL, 0)
+    learner = MapLearner(config, POOL, 0)
     draw = learner.teacher._draw
     monkeypatch.setattr(
         learner.teacher, "_draw", lambda scenes: seen.append(draw(scenes)) or seen[-1]
@@ -384,28 +386,38 @@ def test_planner_learns_the_way_by_ppo_alone():
     pool = tiny_pool(64, (10, 10))
     config = PlannerPpoConfig(total_timesteps=60_000, scenes=8, robots=16)
     before, after = (
-        play_scene_set(each.policy, pool) for each in (config.build(pool, 0), learn(config, pool))
+        play_scene_set(each.policy, pool)
+        for each in (MapLearner(config, pool, 0), learn(config, pool))
     )
     assert after.spl.mean() > before.spl.mean() + 0.1
 
 
-def test_rules_of_ppo_are_those_of_the_environment_in_cells():
-    rules = transition_tables_of(POOL, np.arange(len(POOL)))
-    columns, rows = POOL.shape
-    for flat in range(0, len(POOL) * columns * rows, 7):
-        scene, i, j = np.unravel_index(flat, (len(POOL), columns, rows))
-        for move, (di, dj) in enumerate(MOVES):
-            ni, nj = i + di, j + dj
-            is_legal = 0 <= ni < columns and 0 <= nj < rows and POOL.feasible[scene, ni, nj]
-            end = (ni, nj) if is_legal else (i, j)
-            assert rules.ahead[flat, move] == np.ravel_multi_index(
-                (scene, *end), (len(POOL), columns, rows)
-            )
-            is_goal = is_legal and end == tuple(POOL.goal[scene].tolist())
-            assert rules.is_over[flat, move] == is_goal
-            nearer = rules.octile[flat] - rules.octile[rules.ahead[flat, move]]
-            expected = nearer - MOVE_LENGTHS[move] + GOAL_BONUS * is_goal
-            assert rules.reward[flat, move] == pytest.approx(expected, abs=1e-5)
+@pytest.mark.parametrize("cell_size", [0.5, 0.25])
+def test_rules_of_ppo_are_those_of_the_environment_in_cells(cell_size):
+    pool = resized(POOL, cell_size)
+    env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool)
+    rules = transition_tables_of(pool, np.arange(len(pool)))
+    shape = (len(pool), *pool.shape)
+    seen = set()
+    for scene, i, j in np.argwhere(np.isfinite(pool.distance_to_go) & (pool.distance_to_go > 0)):
+        flat = np.ravel_multi_index((scene, i, j), shape)
+        for move in range(8):
+            env.reset(options={"scene_id": int(scene), "start": (int(i), int(j))})
+            _, reward, is_over, _, info = env.step(move)
+            end = np.ravel_multi_index((scene, *env.unwrapped.path[-1]), shape)
+            assert rules.ahead[flat, move] == end
+            assert rules.is_over[flat, move] == is_over
+            assert rules.reward[flat, move] * cell_size == pytest.approx(reward, abs=1e-5)
+            seen.add((bool(is_over), bool(info["is_refused"])))
+    assert seen == {(False, False), (False, True), (True, False)}
+
+
+@pytest.mark.parametrize(("cell_size", "bonus"), [(0.5, 20.0), (0.25, 40.0)])
+def test_the_last_move_pays_the_bonus_of_ten_metres(cell_size, bonus):
+    """It brings the robot as much nearer as it costs, so that nothing but the bonus is left."""
+    rules = transition_tables_of(resized(POOL, cell_size), np.arange(len(POOL)))
+    assert rules.is_over.sum() > len(POOL)
+    np.testing.assert_allclose(rules.reward[rules.is_over], bonus, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -427,16 +439,16 @@ def test_ppo_goes_on_from_the_weights_of_imitation(tmp_path):
     learner = learn(SMALL["unet"])
     with (tmp_path / "unet.npz").open("wb") as file:
         learner.save(file)
-    again = replace(SMALL["unet_ppo"], weights=tmp_path / "unet.npz").build(POOL, 1)
+    again = MapLearner(replace(SMALL["unet_ppo"], weights=tmp_path / "unet.npz"), POOL, 1)
     assert all(map(np.array_equal, weights(learner), weights(again)))
     with pytest.raises(ValueError, match=r"hold unet .* not unet"):
-        replace(SMALL["unet_ppo"], width=16, weights=tmp_path / "unet.npz").build(POOL, 1)
+        MapLearner(replace(SMALL["unet_ppo"], width=16, weights=tmp_path / "unet.npz"), POOL, 1)
 
 
 def test_networks_answer_for_maps_of_any_size():
     maps = maps_of(tiny_pool(2, (11, 13)), np.arange(2))
     for config in SMALL.values():
-        found = config.build_network()(maps)
+        found = first_network(config)(maps)
         assert isinstance(found, MapPlan)
         assert found.logits.shape == (2, 8, 11, 13)
         assert found.to_go.shape == (2, 11, 13)

@@ -16,7 +16,7 @@ import torch
 from evaluating import call
 from PIL import Image
 
-from agents.registry import model_class
+from agents.registry import learner_class
 from agents.rollout.episode import arguments_of, evaluation_env, roll_out
 from agents.rollout.scene_set import play_scene_set
 from agents.runs.manifest import Config
@@ -147,7 +147,7 @@ def save_run(
     )
     run = Run.create(folder, config)
     env = IrsNavVecEnv(2, **arguments_of(run.task))
-    model = model_class(algorithm)(
+    model = learner_class(algorithm)(
         "MlpPolicy", env, policy_kwargs=dict(settings), seed=seed, device="cpu"
     )
     if east:

@@ -16,6 +16,7 @@ from agents.rollout.episode import arguments_of
 from agents.runs import run_folder
 from agents.runs.manifest import Config
 from agents.runs.run_folder import LockedError, Run, RunError
+from agents.single.model import build_model
 from agents.single.ppo import PpoConfig
 from agents.vec_env import IrsNavVecEnv
 from irs_gym import RadioMap, load_scene
@@ -34,7 +35,7 @@ def config(task: Task = TASK) -> Config:
 @pytest.fixture(scope="module")
 def models():
     env = IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK))
-    return [TINY.build(env, seed) for seed in range(2)]
+    return [build_model(TINY, env, seed) for seed in range(2)]
 
 
 @pytest.fixture

@@ -177,9 +177,9 @@ def test_no_file_of_a_strangers_run_is_run_by_any_command(tmp_path, monkeypatch,
     "algorithm", ["planner", "map_ppo", "local_ppo", "recurrent_ppo", "explorer"]
 )
 def test_no_model_over_many_scenes_is_run(tmp_path, monkeypatch, kind, algorithm):
-    from train.config import GENERALIST_DEFAULTS, record_of
+    from train.config import defaults_of, record_of
 
-    run = Run.create(tmp_path / "runs" / algorithm, record_of(GENERALIST_DEFAULTS[algorithm]))
+    run = Run.create(tmp_path / "runs" / algorithm, record_of(defaults_of(algorithm)))
     content = kind(tmp_path / "harm")
     (run.folder / "best-8.npz").write_bytes(content)
     entry = {
@@ -375,15 +375,16 @@ def test_file_of_a_huge_network_over_maps_is_refused_before_it_is_made():
 
 
 def test_pretrained_policies_of_sb3_over_many_scenes_are_arrays_too(tmp_path, monkeypatch):
+    from agents.single.model import build_model
     from agents.vec_env import IrsNavVecEnv
     from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
-    from train.config import GENERALIST_DEFAULTS, record_of
+    from train.config import defaults_of, record_of
 
     env = IrsNavVecEnv(
         64, vector_env=IrsNavRandomVectorEnv, split="val", num_scenes=2, observation="flat"
     )
-    default = GENERALIST_DEFAULTS["recurrent_ppo"]
-    model = default.agent.build(env, seed=0)
+    default = defaults_of("recurrent_ppo")
+    model = build_model(default.agent, env, seed=0)
     run = Run.create(tmp_path / "runs" / "it", record_of(default))
     run.save_model("best", model, 8, success=0.5, spl=0.5)
     run.write_curve([{"steps": 8, "seconds": 1.0, "success": 0.5, "spl": 0.5}])

@@ -148,13 +148,13 @@ def test_learners_of_stable_baselines_take_both_kinds(observation, policy, algor
 
 def test_q_learning_takes_the_cell():
     callbacks = pytest.importorskip("stable_baselines3.common.callbacks")
-    from agents.single.q_learning import QLearningConfig
+    from agents.single.q_learning import QLearning, QLearningConfig
     from agents.vec_env import IrsNavVecEnv
 
     tables = []
     for observation in ("cell", "flat"):
         env = IrsNavVecEnv(4, observation=observation, **NAV[1])
-        model = QLearningConfig(n_envs=4).build(env, 0)
+        model = QLearning.build(QLearningConfig(n_envs=4), env, 0)
         model.learn(400, callbacks.CallbackList([]))
         tables.append(model.table)
     np.testing.assert_array_equal(*tables)

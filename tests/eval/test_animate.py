@@ -13,7 +13,8 @@ from agents.policies.heuristics import oracle
 from agents.rollout.episode import arguments_of
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
-from eval.commands.animate import LAST_MS, as_gif, film, main
+from eval.animation import LAST_MS, as_gif, film
+from eval.commands.animate import main
 from eval.load_policy import LoadedPolicy, Place
 from irs_gym.mdp.task import Task
 

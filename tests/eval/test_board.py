@@ -20,13 +20,14 @@ from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.rollout.episode import arguments_of, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
+from agents.single.model import build_model
 from agents.single.ppo import PpoConfig
 from agents.vec_env import IrsNavVecEnv
-from eval.commands import board
+from eval.commands.board import FIGURES
 from eval.markdown import code, text
-from eval.scoreboard import results
+from eval.scoreboard import board, results
 from eval.scoreboard.learning_curves import align
-from eval.scoreboard.page import markdown
+from eval.scoreboard.page import scoreboard_page
 from eval.scoreboard.results import Curve, find_runs, read_results
 from eval.scoreboard.seed_scores import group_names, overall
 from irs_gym import RadioMap
@@ -54,7 +55,7 @@ class Script:
 
 @pytest.fixture(scope="module")
 def model():
-    return TINY.build(IrsNavVecEnv(2, **arguments_of(TASK)), 0)
+    return build_model(TINY, IrsNavVecEnv(2, **arguments_of(TASK)), 0)
 
 
 @pytest.fixture(autouse=True)
@@ -279,7 +280,9 @@ def test_page_and_figures_go_where_they_are_wanted(monkeypatch, tmp_path, make_r
             assert picture.width > 700
         assert (tmp_path / "docs" / link).stat().st_size < 60_000
     found = json.loads((tmp_path / "docs/board.json").read_text())
-    assert page == markdown(found, "figures/scoreboard")  # nothing on the page comes from elsewhere
+    assert page == scoreboard_page(
+        found, "figures/scoreboard"
+    )  # nothing on the page comes from elsewhere
     assert sorted(each.name for each in (tmp_path / "runs").iterdir()) == [
         "optimal-0",
         "report.html",
@@ -357,7 +360,7 @@ def test_curve_of_a_run_is_read_as_it_was_written(make_run):
 def test_the_committed_scoreboard_is_the_page_of_its_board_and_marks_all_that_is_equal():
     docs = Path(__file__).parents[2] / "docs"
     told = json.loads((docs / "board.json").read_text(encoding="utf-8"))
-    assert markdown(told, board.FIGURES) == (docs / "scoreboard.md").read_text(encoding="utf-8")
+    assert scoreboard_page(told, FIGURES) == (docs / "scoreboard.md").read_text(encoding="utf-8")
     spl = {}
     for run in told["runs"]:
         spl.setdefault((run["problem"], run["policy"]), []).append(run["spl"])
@@ -369,21 +372,26 @@ def test_the_committed_scoreboard_is_the_page_of_its_board_and_marks_all_that_is
                 assert is_marked == (max(values) - min(values) < 1e-9)
 
 
+CURVE = "learning_curve.csv"
 DAMAGE = {
-    "curve is no text": lambda run: (run.folder / "learning_curve.csv").write_bytes(b"\xff\xfe\x00"),
-    "curve has NaN": lambda run: spoil(run, "learning_curve.csv", "20.0", "nan"),
-    "curve goes back": lambda run: spoil(run, "learning_curve.csv", "300", "150"),
-    "curve has a score above 1": lambda run: spoil(run, "learning_curve.csv", ",1.0\n", ",1e300\n"),
-    "curve has too many columns": lambda run: spoil(run, "learning_curve.csv", ",1.0\n", ",1.0,2,3\n" * 2),
-    "curve is a pipe": lambda run: replace_by(os.mkfifo, run.folder / "learning_curve.csv"),
+    "curve is no text": lambda run: (run.folder / CURVE).write_bytes(b"\xff\xfe\x00"),
+    "curve has NaN": lambda run: spoil(run, CURVE, "20.0", "nan"),
+    "curve goes back": lambda run: spoil(run, CURVE, "300", "150"),
+    "curve has a score above 1": lambda run: spoil(run, CURVE, ",1.0\n", ",1e300\n"),
+    "curve has too many columns": lambda run: spoil(run, CURVE, ",1.0\n", ",1.0,2,3\n" * 2),
+    "curve is a pipe": lambda run: replace_by(os.mkfifo, run.folder / CURVE),
     "manifest is a folder": lambda run: replace_by(os.mkdir, run.folder / "manifest.json"),
     "manifest is enormous": lambda run: os.truncate(run.folder / "manifest.json", 10**11),
     "manifest is deep": lambda run: (run.folder / "manifest.json").write_text("[" * 100_000),
-    "manifest lists a generalist": lambda run: spoil(run, "manifest.json", '"ratio": 1.0', '"spl": 1.0'),
+    "manifest lists a generalist": lambda run: spoil(
+        run, "manifest.json", '"ratio": 1.0', '"spl": 1.0'
+    ),
     "config has NaN": lambda run: spoil(run, "config.json", '"agent": {', '"agent": {"gamma": NaN'),
-    "config is endless": lambda run: spoil(run, "config.json", '"agent": {', '"agent": {"x": "' + "y" * 10**6 + '"'),
+    "config is endless": lambda run: spoil(
+        run, "config.json", '"agent": {', '"agent": {"x": "' + "y" * 10**6 + '"'
+    ),
     "config is of a generalist": lambda run: spoil(run, "config.json", '"ppo"', '"planner"'),
-}  # fmt: skip
+}
 
 
 def replace_by(make, path: Path) -> None:
@@ -442,9 +450,10 @@ def test_one_damaged_run_keeps_no_other_from_being_scored(monkeypatch, capsys, m
 
 
 NAMES = [
-    "<script>alert(1)</script>", "<img src=x onerror=alert(1)>", "a|b", "a\nb", "[x](javascript:alert(1))", "`x`|`",
-    "![x](http://a.b/c)", "&lt;b&gt;", "**x** _y_ ~~z~~", "\\", "a\\|b", "\u202eabc", "$\\frac$", "\udcff", "```\nx",
-]  # fmt: skip
+    *("<script>alert(1)</script>", "<img src=x onerror=alert(1)>", "a|b", "a\nb"),
+    *("[x](javascript:alert(1))", "`x`|`", "![x](http://a.b/c)", "&lt;b&gt;", "**x** _y_ ~~z~~"),
+    *("\\", "a\\|b", "\u202eabc", "$\\frac$", "\udcff", "```\nx"),
+]
 
 
 def test_names_of_strangers_are_text_on_the_page_and_nothing_else(monkeypatch, tmp_path, make_run):
@@ -456,7 +465,10 @@ def test_names_of_strangers_are_text_on_the_page_and_nothing_else(monkeypatch, t
     make_run("optimal", 50, status="failed").update(error="<script>|\n<b>")
     assert call(monkeypatch, "board", tmp_path / "runs", "--episodes", 1) == 0
     page = re.sub('"data:[^"]*"', '"#"', (tmp_path / "runs/report.html").read_text())
-    known = "html head meta title link style body nav a div table thead tbody tr th td h1 h2 p pre code em br sub img"
+    known = (
+        "html head meta title link style body nav a div table thead tbody tr th td "
+        "h1 h2 p pre code em br sub img"
+    )
     assert set(re.findall(r"<(\w+)", page)) <= set(known.split(" "))
     assert not re.findall(r'(?:href|src)="(?!#)', page)
     rows = [

@@ -27,7 +27,7 @@ from agents.runs.run_folder import Run
 from eval.commands import generalisation
 from eval.statistics import ONE_SEED, paired_difference
 from eval.unseen import policy_results, throughput
-from eval.unseen.gallery import choose
+from eval.unseen.gallery import choose_scenes
 from eval.unseen.scores import PAPER_TARGETS_DB, Player, detours, reference, score_unseen
 from irs_gym import load_scene
 from irs_gym.datasets import generator
@@ -223,7 +223,7 @@ def test_paired_difference_resamples_seeds_and_scenes():
 def test_gallery_shows_long_detours_solved_and_the_worst():
     spl = np.array([1.0, 0.99, 0.0, 0.97, 0.3, 0.5])
     detour = np.array([1.0, 1.3, 1.1, 1.5, 1.0, 1.0])
-    assert choose(spl, detour) == [3, 1, 2, 4]
+    assert choose_scenes(spl, detour) == [3, 1, 2, 4]
 
 
 @pytest.mark.parametrize("name", ["oracle", "greedy", "greedy_margin"])

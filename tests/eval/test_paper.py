@@ -313,7 +313,8 @@ def test_the_loss_without_the_wrap_is_drawn_and_exact(bits):
 def test_standard_errors_are_those_of_independent_draws():
     rng = np.random.default_rng(0)
     ends = [
-        [each[-1] for each in monte_carlo.estimate(rng.normal(3, 2, (20, 50)))] for _ in range(400)
+        [each[-1] for each in monte_carlo.running_means(rng.normal(3, 2, (20, 50)))]
+        for _ in range(400)
     ]
     means, errors, draws = np.array(ends).T
     assert set(draws) == {1000}
@@ -326,7 +327,7 @@ def test_standard_errors_are_those_of_independent_draws():
 
 @pytest.mark.parametrize("task", [task for task in scaling.TASKS if task.startswith("path")])
 def test_every_package_is_timed_on_the_same_problem(task):
-    cost = scaling.measure(task, 40)
+    cost = scaling.measure_task(task, 40)
     assert cost.distance == pytest.approx(STUDY.distance(CONTINUOUS, scaling.TARGET_DB), abs=1e-9)
     assert cost.cells == 1600
     assert 0 < cost.seconds < 10

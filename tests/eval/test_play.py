@@ -100,7 +100,10 @@ def test_command_refuses_what_cannot_be_played(capsys):
 
 
 def test_missing_pygame_is_told_in_a_line():
-    code = "import sys; sys.modules['pygame'] = None; from eval.commands.play import main; sys.exit(main())"
+    code = (
+        "import sys; sys.modules['pygame'] = None; "
+        "from eval.commands.play import main; sys.exit(main())"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )

@@ -8,7 +8,8 @@ import pytest
 from evaluating import call
 
 from eval.commands import shaping
-from eval.commands.ablations import GAMMAS, discounts_section
+from eval.commands.ablations import GAMMAS
+from eval.scoreboard.ablations import discounts_section
 from eval.scoreboard.return_variance import (
     best_ratios,
     count_longer,

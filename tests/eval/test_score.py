@@ -16,6 +16,7 @@ from agents.policies.heuristics import REFERENCE_POLICIES, greedy, oracle
 from agents.rollout.episode import EpisodeResult, arguments_of, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
+from agents.single.model import build_model
 from agents.single.ppo import PpoConfig
 from agents.vec_env import IrsNavVecEnv
 from eval.commands.score import table
@@ -40,7 +41,7 @@ def run(tmp_path) -> Run:
 
 
 def untrained():
-    return TINY.build(IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK)), 0)
+    return build_model(TINY, IrsNavVecEnv(TINY.n_envs, **arguments_of(TASK)), 0)
 
 
 def episode(*, is_success: bool, distance: float, refused: int = 0) -> EpisodeResult:
@@ -133,8 +134,13 @@ def test_random_policies_play_many_episodes_and_do_the_same_again():
     env = evaluation_env(Task(target_db=-64.0))
     played = [play_references(env, {}, episodes=3, seed=5) for _ in range(2)]
     assert {name: len(each) for name, each in played[0].items()} == {
-        "oracle": 1, "replanning": 1, "greedy": 1, "greedy_margin": 1, "masked_random": 3, "random": 3,
-    }  # fmt: skip
+        "oracle": 1,
+        "replanning": 1,
+        "greedy": 1,
+        "greedy_margin": 1,
+        "masked_random": 3,
+        "random": 3,
+    }
     assert [each.refused for each in played[0]["random"]] == [
         each.refused for each in played[1]["random"]
     ]

@@ -12,13 +12,14 @@ from tiny import call, curve
 from tiny_pool import tiny_pool
 
 from agents.networks.map_network import plan_scene_set
-from agents.registry import GENERALISTS, observation_of
+from agents.registry import generalists, observation_of
 from agents.rollout.scene_set import follow
 from agents.runs.run_folder import Run, RunError
+from agents.single.model import build_model
 from agents.vec_env import IrsNavVecEnv
 from irs_gym.datasets import random_task, scene_set, splits
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
-from train.config import GENERALIST_DEFAULTS, parse, record_of, settings_of
+from train.config import defaults_of, parse, record_of, settings_of
 
 _IMITATION = split(
     "--agent.total-scenes 40 --agent.batch-scenes 4 --eval-every 16 --checkpoint-every 8"
@@ -75,7 +76,7 @@ def train(algorithm, folder, *words):
     return call([algorithm, "--out", folder, *TINY[algorithm], "--no-progress", *words])
 
 
-@pytest.mark.parametrize("algorithm", GENERALISTS)
+@pytest.mark.parametrize("algorithm", generalists())
 def test_each_generalist_trains_into_a_run_and_goes_on_as_if_never_interrupted(
     tmp_path, monkeypatch, algorithm
 ):
@@ -117,7 +118,7 @@ def test_each_generalist_trains_into_a_run_and_goes_on_as_if_never_interrupted(
 
 @pytest.mark.parametrize("algorithm", ["map_ppo", "local_ppo", "recurrent_ppo"])
 def test_loaded_policy_of_sb3_acts_as_the_model_that_was_saved(tmp_path, algorithm):
-    default = GENERALIST_DEFAULTS[algorithm]
+    default = defaults_of(algorithm)
     agent, seen = default.agent, observation_of(algorithm)
     env = IrsNavVecEnv(
         agent.n_envs,
@@ -125,7 +126,7 @@ def test_loaded_policy_of_sb3_acts_as_the_model_that_was_saved(tmp_path, algorit
         scenes=tiny_pool(6, (8, 8)),
         observation=seen,
     )
-    model = agent.build(env, seed=2)
+    model = build_model(agent, env, seed=2)
     run = Run.create(tmp_path / "run", record_of(default))
     run.save_model("best", model, 0, success=0.0, spl=0.0)
     loaded = Run.open(run.folder).load_model()
@@ -221,10 +222,10 @@ def test_run_of_a_generalist_has_no_single_task(tmp_path):
         _ = Run.open(tmp_path / "run").task
 
 
-@pytest.mark.parametrize("algorithm", GENERALISTS)
+@pytest.mark.parametrize("algorithm", generalists())
 def test_settings_of_every_generalist_survive_the_run_folder(tmp_path, algorithm):
     config = parse(algorithm, [])
-    assert config == GENERALIST_DEFAULTS[algorithm]
+    assert config == defaults_of(algorithm)
     run = Run.create(tmp_path / "run", record_of(config))
     kept = settings_of(run)
     assert (kept.agent, kept.env, kept.seed, kept.eval_every) == (

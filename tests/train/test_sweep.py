@@ -14,11 +14,11 @@ import pytest
 import ray
 from tiny import TINY, call, curve, numbers
 
-from agents.registry import GENERALISTS
+from agents.registry import generalists, specialists
 from agents.runs.run_folder import LockedError, Run
 from irs_gym.mdp.task import build_world
 from train import resume
-from train.config import DEFAULTS, parse, record_of
+from train.config import defaults_of, parse, record_of
 from train.plan import Plan, PlanError
 from train.sweep import Sweep
 
@@ -61,7 +61,7 @@ def test_plan_is_the_product_of_algorithms_settings_and_seeds(tmp_path):
         "runs/low/ppo/seed0", "runs/low/dqn/seed0", "runs/high/dqn/seed0",
         "runs/low/ppo/seed1", "runs/low/dqn/seed1", "runs/high/dqn/seed1",
     ]  # fmt: skip
-    default = DEFAULTS["dqn"]
+    default = defaults_of("dqn")
     assert configs[-1] == replace(
         default,
         agent=replace(default.agent, gamma=0.5),
@@ -83,8 +83,8 @@ def test_scoreboard_holds_the_eight_problems_and_ten_seeds_of_every_algorithm():
     board.check()
     configs = board.configs()
     assert len(configs) == 8 * 5 * 10
-    assert {config.agent.algorithm for config in configs} == set(DEFAULTS)
-    assert all(config.agent == DEFAULTS[config.agent.algorithm].agent for config in configs)
+    assert {config.agent.algorithm for config in configs} == set(specialists())
+    assert all(config.agent == defaults_of(config.agent.algorithm).agent for config in configs)
     hardware = {
         (config.env.irs_elements is None, config.env.phase_bits, config.env.target_db): build_world(
             config.env
@@ -106,7 +106,7 @@ def test_each_ablation_changes_one_thing():
     configs = Plan.load(SWEEPS / "ablations.toml").configs()
     assert len(configs) == 9 * 5
     default = record_of(configs[0]).model_dump()
-    assert default == record_of(DEFAULTS["ppo"]).model_dump()
+    assert default == record_of(defaults_of("ppo")).model_dump()
     changes = {}
     for config in configs[:9]:
         record = record_of(config).model_dump()
@@ -375,7 +375,7 @@ def test_sweeps_over_many_scenes_hold_every_generalist_and_the_curve():
     configs = [config for plan in plans for config in plan.configs()]
     after = Plan.load(SWEEPS / "generalisation-then-ppo.toml")
     trained = {config.agent.algorithm for config in [*configs, *after.configs()]}
-    assert trained == set(GENERALISTS)
+    assert trained == set(generalists())
     planners = [
         config for config in configs if config.agent.algorithm == "planner" and config.seed == 0
     ]

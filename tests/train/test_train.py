@@ -23,7 +23,7 @@ from agents.runs.run_folder import Run
 from irs_gym.files import write_file
 from irs_gym.mdp.task import Task
 from train import run as training
-from train.config import DEFAULTS, parse, record_of
+from train.config import defaults_of, parse, record_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -50,7 +50,7 @@ def test_every_argument_of_the_environment_is_on_the_command_line():
 
 
 def test_command_line_without_words_gives_the_tuned_settings():
-    assert parse("ppo", []) == DEFAULTS["ppo"]
+    assert parse("ppo", []) == defaults_of("ppo")
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 along.
 """
 
-import doctest
-import pkgutil
 import re
 import subprocess
 import sys
@@ -18,7 +16,6 @@ import pytest
 import irs_gym
 
 ROOT = Path(__file__).resolve().parents[1]
-MODULES = [each.name for each in pkgutil.walk_packages(irs_gym.__path__, "irs_gym.")]
 
 
 def test_version_is_that_of_the_installed_distribution():
@@ -60,19 +57,6 @@ def test_flat_vector_env_is_of_the_same_space():
     assert (
         many.single_observation_space == gymnasium.make("irs_gym:IrsNavFlat-v0").observation_space
     )
-
-
-# --- docstrings -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", MODULES)
-def test_examples_in_docstrings_are_true(name):
-    assert doctest.testmod(import_module(name)).failed == 0
-
-
-@pytest.mark.parametrize("name", sorted({*irs_gym.__all__} - {"__version__", "Grid"}))
-def test_public_names_come_with_an_example(name):
-    assert ">>> " in getattr(irs_gym, name).__doc__
 
 
 # --- Gymnasium before 1.1, which knows no autoreset mode ------------------------------------------

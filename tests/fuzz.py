@@ -688,7 +688,7 @@ def commands(folder: Path) -> Callable[[], None]:
 
     os.chdir(folder)
     trainable = ["q_learning", "ppo", "dqn", *ALGORITHMS]
-    mains = {name: import_module(f"eval.{name}").main for name in COMMANDS}
+    mains = {name: import_module(f"eval.commands.{name}").main for name in COMMANDS}
 
     def options_of(config: Any, prefix: str = "--") -> list[str]:
         found = []

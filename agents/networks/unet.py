@@ -9,6 +9,7 @@ from torch.nn.functional import interpolate, pad
 from agents.networks.map_network import MapPlan
 from irs_gym.grid import MOVES
 
+_GROUPS = 8  # of channels that are normalised together
 _FACTOR = 8  # sides of the maps are padded to multiples of this many cells
 _UNIT = 40.0  # cells to go in the unit of the network's estimate
 
@@ -23,7 +24,7 @@ class UNet(nn.Module):
     Parameters
     ----------
     width
-        Channels on the map's own grid; twice as many on the coarser ones.
+        Channels on the map's own grid, a multiple of 8; twice as many on the coarser ones.
     passes
         Times that the core is passed, for maps of 40 x 40 cells; larger maps get more in
         proportion.
@@ -33,6 +34,9 @@ class UNet(nn.Module):
         super().__init__()
         self.passes = passes
         wide = 2 * width
+        if width % _GROUPS:
+            raise ValueError(f"width={width} must be a multiple of {_GROUPS}, the groups of a norm")
+
         self.stem = nn.Sequential(conv_block(4, width), conv_block(width, width))
         self.enter = conv_block(width, wide, stride=2)
         self.begin = conv_block(2 * wide, wide)
@@ -85,7 +89,7 @@ class UNet(nn.Module):
 def conv_block(channels: int, width: int, stride: int = 1) -> nn.Sequential:
     """A convolution over 3 x 3 cells with its normalisation and activation."""
     convolution = nn.Conv2d(channels, width, 3, stride=stride, padding=1, bias=False)
-    return nn.Sequential(convolution, nn.GroupNorm(8, width), nn.ReLU())
+    return nn.Sequential(convolution, nn.GroupNorm(_GROUPS, width), nn.ReLU())
 
 
 def double_conv(maps: Tensor) -> Tensor:

@@ -15,6 +15,7 @@ from agents.registry import ALGORITHMS, generalists, observation_of, specialists
 from agents.rollout.episode import arguments_of
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
+from irs_gym.files import read_file
 from irs_gym.mdp.task import Task
 from irs_gym.radio.scene import load_scene
 
@@ -126,7 +127,7 @@ def load_policy(
         Where there is no such policy, or it does not play there.
     """
     if Path(name).suffix == ".npz":
-        policy = read_network(Path(name).read_bytes())
+        policy = read_network(read_file(Path(name)))
         observation = "flat" if isinstance(policy, Explorer) else "map"
         return _on_scenes(policy, observation, place, render_mode)
 

@@ -47,12 +47,16 @@ def as_path(value: Any, name: str) -> Path:
     """The path of a file; a ``ValueError`` names the field where the value is none (a number would
     be an open file).
     """
-    if (
-        not isinstance(value, str | os.PathLike)
-        or isinstance(os.fspath(value), bytes)
-        or "\0" in os.fspath(value)
-    ):
-        raise ValueError(f"{name}={value!r} must be the path of a file")
+    wrong = ValueError(f"{name}={value!r} must be the path of a file")
+    if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
+        raise wrong
+    try:
+        is_path = b"\0" not in os.fsencode(value)
+    except UnicodeEncodeError:  # half a character
+        is_path = False
+    if not is_path:
+        raise wrong
+
     return Path(value)
 
 

@@ -9,12 +9,13 @@ import torch
 from torch import nn
 
 from agents.learning.map_configs import MapAgentConfig, network_settings
-from agents.networks.map_network import build_network, unpack_network
+from agents.networks.map_network import FILE_BYTES, build_network, unpack_network
 from agents.policies.explorer_policy import Explorer
 from agents.policies.map_policy import MapPolicy
 from agents.registry import ALGORITHMS, learner_class
 from agents.runs.run_folder import Run
 from irs_gym.datasets.scene_set import SceneSet
+from irs_gym.files import as_path, read_file
 
 if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback
@@ -114,11 +115,8 @@ def first_network(config: MapAgentConfig) -> nn.Module:
     if config.weights is None:
         return build_network(name, settings)
 
-    content = (
-        Run.open(config.weights).read_model()
-        if config.weights.is_dir()
-        else config.weights.read_bytes()
-    )
+    weights = as_path(config.weights, "weights")
+    content = Run.open(weights).read_model() if weights.is_dir() else read_file(weights, FILE_BYTES)
     found_name, found_settings, network = unpack_network(content)
     if (found_name, found_settings) != (name, settings):
         raise ValueError(

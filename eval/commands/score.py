@@ -36,7 +36,7 @@ from eval.unseen.scores import (
     write_unseen,
 )
 from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.files import write_file
+from irs_gym.files import read_file, write_file
 
 
 def main(
@@ -149,7 +149,7 @@ def _open(name: str) -> Run | Player:
     if name in generalists() and not Path(name).exists():
         return Player(name, partial(play_scene_set, load_pretrained(name).policy))
     if name.endswith(".npz"):
-        return Player(name, partial(play_scene_set, read_network(Path(name).read_bytes())))
+        return Player(name, partial(play_scene_set, read_network(read_file(Path(name)))))
 
     return Run.open(name)
 

@@ -242,15 +242,15 @@ class Packing:
         """
         first = parts[0]
         leading = first.shape[:-1]
+        if self.observation == "dict":
+            patch = first.reshape(*leading, self.side, self.side)
+            return {"gain_patch": patch, "irs": parts[1], "position": parts[2]}
         if self.observation == "masked":
             return {"action_mask": parts[1].astype(np.int8), "observation": first}
         if self.observation == "cell":
             return first[..., 0].astype(np.int64) if leading else int(first[0])
         if self.observation == "map":
             return first.reshape(*leading, 4, *self.shape)
-        if self.observation == "dict":
-            patch = first.reshape(*leading, self.side, self.side)
-            return {"gain_patch": patch, "irs": parts[1], "position": parts[2]}
 
         return first
 

@@ -3,6 +3,7 @@ robots.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,11 @@ class OneScene:
         arrays = (*vars(self).values(), *(self.observations or ()))
         freeze(*(each for each in arrays if isinstance(each, np.ndarray)))
 
+    @cached_property
+    def _goal(self) -> int:
+        """Flat cell of the first goal, which is its state."""
+        return self.world.radio_map.grid.flat(self.goals[0])
+
     def first_state(self, goal: Cell) -> int:
         """State of the cell (0, 0) for a goal."""
         return self.goals.index(goal) * self.world.feasible.size
@@ -52,18 +58,22 @@ class OneScene:
     def move(self, states: States, actions: NDArray[np.int64]) -> Outcome:  # noqa: D102
         entry = states * ACTIONS
         entry += actions
-        is_terminated = self.is_terminated.take(entry)
+        next_states = self.next_state.take(entry)
 
-        # Where moves are refused, nothing costs, and only the goal ends an episode.
-        if self.cost is None:
-            cost = None
-            is_at_goal = is_terminated
+        # Where moves are refused, nothing costs, and only the goal ends an episode; to compare with
+        # one goal is faster than to gather.
+        cost = None
+        if self.cost is None and len(self.goals) == 1:
+            is_terminated = is_at_goal = next_states == self._goal
+        elif self.cost is None:
+            is_terminated = is_at_goal = self.is_terminated.take(entry)
         else:
             cost = self.cost.take(entry)
+            is_terminated = self.is_terminated.take(entry)
             is_at_goal = self.is_at_goal.take(entry)
 
         return Outcome(
-            self.next_state.take(entry),
+            next_states,
             self.reward.take(entry),
             self.moved.take(entry),
             is_terminated,

@@ -194,7 +194,6 @@ class _EpisodeSampler:
         self.packing = self.transition_model.packing
         self.is_violable = worlds.task.constraint == "allow"
         self.map_shape = self.transition_model.shape
-        self.num_maps = len(worlds)
 
     def begin(
         self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf

@@ -199,7 +199,6 @@ class _EpisodeSampler:
     """
 
     info_values = VALUES
-    num_maps = 1
 
     def __init__(self, world: World, num_envs: int) -> None:
         self.world = world

@@ -145,7 +145,7 @@ def check_num_envs(num_envs: int, max_episode_steps: int, packing: Packing) -> N
     )
     check_memory(
         f"num_envs={num_envs}, max_episode_steps={max_episode_steps}: the paths of all robots",
-        4.0 * num_envs * (max_episode_steps + 1),  # bytes: a flat cell a step
+        8.0 * num_envs * (max_episode_steps + 1),  # bytes: a flat cell a step
     )
 
 

@@ -7,20 +7,16 @@ from irs_gym.grid import Cell, cells_at
 
 
 class PathHistory:
-    """Remembers where n robots were at their latest steps: a ring of rows, so that a step costs one
-    row.
+    """Remembers where n robots were at their latest steps: a ring of arrays, each as it was given,
+    so that a step costs nothing.
 
     Cells are flat; where there are several maps, they lie one above the other.
     """
 
-    def __init__(
-        self, num_robots: int, length: int, shape: tuple[int, int], num_maps: int = 1
-    ) -> None:
+    def __init__(self, num_robots: int, length: int, shape: tuple[int, int]) -> None:
         """Remember ``length`` steps on maps of the given shape."""
         self._shape = shape
-        # small numbers leave the caches of the processor to the tables of the rules
-        smallest = np.min_scalar_type(num_maps * shape[0] * shape[1] - 1)
-        self._rows = np.zeros((length, num_robots), dtype=smallest)
+        self._rows = [np.zeros(0, dtype=np.int64)] * length  # each (n,), once there was its step
         self._clock = 0  # steps of all robots
 
         # Row 0: of the episode of each robot. Row 1: of the one before it, which is still asked for
@@ -43,7 +39,7 @@ class PathHistory:
 
     def advance(self, cells: NDArray[np.int64], clock: int) -> None:
         """Remember the flat cells ``(n,)`` after a step, at a time that is one step later than the
-        last.
+        last; the array is kept, so nobody may write to it any more.
         """
         self._clock = clock
         self._rows[clock % len(self._rows)] = cells
@@ -61,12 +57,10 @@ class PathHistory:
         # the cell in which it began, and then one cell a step: rows of the ring
         which = int(of_last_episode)
         end = self._ended[robot] if of_last_episode else self._clock
-        steps = np.arange(self._began[which, robot] + 1, end + 1)
-        flat = np.concatenate(
-            [self._starts[which, [robot]], self._rows[steps % len(self._rows), robot]]
-        )
+        steps = range(int(self._began[which, robot]) + 1, int(end) + 1)
+        walked = [self._rows[step % len(self._rows)][robot] for step in steps]
 
-        return cells_of(flat, self._shape)
+        return cells_of(np.array([self._starts[which, robot], *walked]), self._shape)
 
 
 def cells_of(flat: NDArray[np.integer], shape: tuple[int, int]) -> list[Cell]:

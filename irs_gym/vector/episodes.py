@@ -54,7 +54,7 @@ class VectorEpisodes:
         self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
         self._just_ended = self._nobody  # at the latest step
-        self._history = PathHistory(n, max_episode_steps, sampler.map_shape, sampler.num_maps)
+        self._history = PathHistory(n, max_episode_steps, sampler.map_shape)
 
         # Time, in steps of all robots. An episode's limit is kept as the time at which it ends, so
         # that no counter of each robot has to be raised at every step.

@@ -67,7 +67,6 @@ class EpisodeSampler(Protocol):
     is_random: bool  # whether it draws
     is_violable: bool  # whether cells below the target can be entered
     map_shape: tuple[int, int]  # of the maps that `TransitionModel.cells` counts through
-    num_maps: int
 
     @property
     def transition_model(self) -> TransitionModel:

@@ -37,7 +37,6 @@ class VectorEpisodes:
         self.num_envs = n
         self.max_episode_steps = max_episode_steps
         self.mode = mode
-        self.copy = copy
         self._sampler = sampler
         keys = checked_keys(infos, [key for key in sampler.info_values if key not in KEYS])
         self._infos = InfoBuilder(sampler.info_values, keys)
@@ -65,7 +64,8 @@ class VectorEpisodes:
         # made on first use: most environments draw nothing
         self._rngs: list[np.random.Generator | None] = [None] * n
         self._is_reset = False
-        self._buffer = sampler.packing.empty(n)
+        # of observations, where they need no memory of their own
+        self._buffer = None if copy else sampler.packing.empty(n)
 
     def reset(
         self, seeds: Sequence[int | None] | None, options: dict[str, Any] | None
@@ -283,8 +283,7 @@ class VectorEpisodes:
 
     def _observe(self) -> Any:
         """The observations of all robots, in memory of their own or in one buffer for all steps."""
-        out = None if self.copy else self._buffer
-        parts = self._sampler.transition_model.observe(self._states, out)
+        parts = self._sampler.transition_model.observe(self._states, self._buffer)
         return self._sampler.packing.unpack(parts)
 
     def _opening(self) -> Step:

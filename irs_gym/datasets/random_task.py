@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
 from irs_gym.datasets.splits import split_of
 from irs_gym.grid import Grid
+from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget, payable
+from irs_gym.mdp.cost import CostKind, cell_costs
 from irs_gym.mdp.dynamics import check_bonus, potential
 from irs_gym.mdp.task import (
     Constraint,
@@ -22,6 +25,7 @@ from irs_gym.mdp.task import (
     checked_fields,
     is_integer,
 )
+from irs_gym.memory import frozen
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene, load_scenes
 
@@ -53,8 +57,19 @@ class RandomTask:
     patch_radius: int = Task.patch_radius
     """Cells that the robot sees around itself in each direction."""
     constraint: Constraint = Task.constraint
-    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed
-    at a cost.
+    """What happens at a cell below the target: the move is refused, ends the episode, is allowed
+    at a cost, or is paid for out of a budget.
+    """
+    cost: CostKind = Task.cost
+    """What a cell costs under a budget; see `irs_gym.cost_map`."""
+    budget: Budget | None = Task.budget
+    """Total cost that an episode may come to, or a range (low, high) that each is drawn from.
+
+    Needed with ``constraint="budget"``, and refused with any other.
+    """
+    on_exhausted: OnExhausted = Task.on_exhausted
+    """What happens where a robot has spent more than its budget: the episode ends as a failure, or
+    continues, and the cost is only counted.
     """
     random_start: float = Task.random_start
     """Probability of a start drawn among the cells from which the goal can be reached; True is 1.
@@ -65,6 +80,7 @@ class RandomTask:
     """Reward at the goal, in metres."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "budget", checked_budget(self.budget))
         _ = self.rules  # checks the fields that are the robot's
         size = split_of(self.split).size
         if not is_integer(self.num_scenes) or not 1 <= self.num_scenes <= size:
@@ -108,6 +124,9 @@ class RandomTaskArguments(TypedDict, total=False):
     observation: Observation
     patch_radius: int
     constraint: Constraint
+    cost: CostKind
+    budget: Budget | None
+    on_exhausted: OnExhausted
     random_start: float
     shaping: bool
     goal_bonus: float
@@ -139,6 +158,15 @@ class Worlds:
 
     def __len__(self) -> int:
         return len(self.pool)
+
+    @cached_property
+    def cost(self) -> NDArray[np.float64]:
+        """What each cell of each scene costs under a budget, ``(S, X, Y)``; inf in obstacles."""
+        pool = self.pool
+        target_db = pool.target_db[:, None, None]
+        costs = cell_costs(pool.gain_db, pool.free, target_db, self.task.cost)
+
+        return frozen(payable(costs))
 
     def world(self, number: int) -> World:
         """World of one scene, on a map as large as the pool's frame."""
@@ -239,4 +267,5 @@ def _world(worlds: Worlds, number: int) -> World:
         irs=np.broadcast_to(pool.irs[number], (*pool.shape, 3)),
         source=(_world, (worlds, number)),
         to_go=pool.distance_to_go[number],
+        cost=None if worlds.task.budget is None else worlds.cost[number],
     )

@@ -193,10 +193,16 @@ class _EpisodeSampler:
         self.transition_model = build_many_scenes(worlds)
         self.packing = self.transition_model.packing
         self.is_violable = worlds.task.constraint == "allow"
+        self.rules = worlds.task.rules
         self.map_shape = self.transition_model.shape
 
     def begin(
-        self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
+        self,
+        states: States,
+        chosen: NDArray[np.int64],
+        options: dict[str, Any] | None,
+        rng: RngOf,
+        budgets: NDArray[np.float64] | None = None,
     ) -> States:
         given = checked_options(options, "scene_id")
         scene_ids = given.pop("scene_id", None)
@@ -213,8 +219,10 @@ class _EpisodeSampler:
             self.worlds.choose(scene_ids[i], each)
             for i, each in zip(chosen.tolist(), rngs, strict=True)
         ]
-        if given:
-            starts, goals = self._given_ends(numbers, given, rngs)
+        if budgets is not None:
+            starts, goals = self._given_ends(numbers, given, rngs, budgets[chosen].tolist())
+        elif given:
+            starts, goals = self._given_ends(numbers, given, rngs, [None] * len(numbers))
         else:
             starts, goals = self._own_ends(numbers, rngs)
 
@@ -230,16 +238,20 @@ class _EpisodeSampler:
         return self.transition_model.scene_and_goal(states, i)
 
     def _given_ends(
-        self, numbers: list[int], given: dict[str, Cell], rngs: list[np.random.Generator]
+        self,
+        numbers: list[int],
+        given: dict[str, Cell],
+        rngs: list[np.random.Generator],
+        budgets: list[float | None],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Starts and goals ``(n, 2)`` where the options say one of them."""
+        """Starts and goals ``(n, 2)`` where the options say one of them, or a budget has to be kept."""
         ends = []
 
-        for number, rng in zip(numbers, rngs, strict=True):
+        for number, rng, budget in zip(numbers, rngs, budgets, strict=True):
             world = self.worlds.world(number)
             goal = given.get("goal", world.goal)
-            start = given.get("start") or choose_start(world, goal, rng)
-            tables_for(world, start, goal)
+            start = given.get("start") or choose_start(world, goal, rng, budget)
+            tables_for(world, start, goal, budget)
             ends.append((start, goal))
 
         starts, goals = np.array(ends).transpose(1, 0, 2)

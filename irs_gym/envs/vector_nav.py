@@ -206,15 +206,21 @@ class _EpisodeSampler:
         self.packing = build_observer(world, world.goal).packing
         self.is_random = bool(world.rules.random_start)
         self.is_violable = world.rules.constraint == "allow"
+        self.rules = world.rules
         self.map_shape = world.radio_map.grid.shape
         self._goals: list[Cell] = [world.goal] * num_envs
 
     def begin(
-        self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
+        self,
+        states: States,
+        chosen: NDArray[np.int64],
+        options: dict[str, Any] | None,
+        rng: RngOf,
+        budgets: NDArray[np.float64] | None = None,
     ) -> States:
         ends = checked_options(options)
         goal = ends.get("goal", self.world.goal)
-        cells = self._starts(chosen, ends.get("start"), goal, rng)
+        cells = self._starts(chosen, ends.get("start"), goal, rng, budgets)
 
         for i in chosen.tolist():
             self._goals[i] = goal
@@ -231,7 +237,12 @@ class _EpisodeSampler:
         return self.world, self._goals[i]
 
     def _starts(
-        self, chosen: NDArray[np.int64], start: Cell | None, goal: Cell, rng: RngOf
+        self,
+        chosen: NDArray[np.int64],
+        start: Cell | None,
+        goal: Cell,
+        rng: RngOf,
+        budgets: NDArray[np.float64] | None,
     ) -> NDArray[np.int64]:
         """Flat cells that the chosen robots start in: the given one, the world's, or one drawn for
         each.
@@ -239,14 +250,19 @@ class _EpisodeSampler:
         own = start or self.world.start
         grid = self.world.radio_map.grid
         fixed = grid.flat(own)
+        amounts = [None] if budgets is None else np.unique(budgets[chosen]).tolist()
         if start is not None or not self.is_random:
-            tables_for(self.world, own, goal)
+            for amount in amounts:
+                tables_for(self.world, own, goal, amount)
+
             return np.full(len(chosen), fixed)
 
-        starts = [choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]
+        budget = [None] * len(self._goals) if budgets is None else budgets.tolist()
+        starts = [choose_start(self.world, goal, rng(i), budget[i]) for i in chosen.tolist()]
         cells = flat_cells(np.array(starts), grid.shape)  # (n,)
-        if fixed in cells:  # the others are drawn among those that reach the goal
-            tables_for(self.world, own, goal)
+        for i, cell in zip(chosen.tolist(), cells.tolist(), strict=True):
+            if cell == fixed:  # the others are drawn among those that reach the goal
+                tables_for(self.world, own, goal, budget[i])
 
         return np.asarray(cells)
 

@@ -254,8 +254,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         back.
 
         Scene, start, goal, cell, metres, refusals, budget, what was spent of it, and whether the
-        target was missed are in it. The path so far is not, nor the randomness of resets, nor the count of
-        `gymnasium.wrappers.TimeLimit`, which is not this environment's.
+        target was missed are in it. The path so far is not, nor the randomness of resets, nor the
+        count of `gymnasium.wrappers.TimeLimit`, which is not this environment's.
         """
         return self._episode.snapshot().to_bytes()
 

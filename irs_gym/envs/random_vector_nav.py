@@ -244,7 +244,7 @@ class _EpisodeSampler:
         rngs: list[np.random.Generator],
         budgets: list[float | None],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Starts and goals ``(n, 2)`` where the options say one of them, or a budget has to be kept."""
+        """Starts and goals ``(n, 2)`` where the options say one of them, or budgets bound them."""
         ends = []
 
         for number, rng, budget in zip(numbers, rngs, budgets, strict=True):

@@ -104,8 +104,9 @@ def next_cells(cells: Ints, actions: Ints, is_legal: Bools, shape: tuple[int, in
 
 
 def ends(rules: Rules, is_at_goal: Any, is_violation: Any) -> Any:
-    """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is
-    missed. (That a budget is exhausted depends on more than a cell and an action.)
+    """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is missed.
+
+    That a budget is exhausted depends on more than a cell and an action, and is told elsewhere.
     """
     return is_at_goal | is_violation if rules.constraint == "terminate" else is_at_goal
 

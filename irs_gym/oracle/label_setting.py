@@ -86,7 +86,7 @@ def labels_to_go(
     cells = whole_costs.size
     straight, diagonal = whole_lengths(cells)
     move_lengths = np.where(MOVE_LENGTHS == 1, straight, diagonal).astype(np.float64)  # (8,)
-    neighbours_of = _neighbours_of(np.isfinite(whole_costs))  # (X * Y, 8)
+    neighbours_of = _neighbours_of(np.isfinite(whole_costs))  # (8, X * Y)
     enter = whole_costs.ravel()  # (X * Y,)
 
     # of the labels that are settled; nothing is cheaper than what lies off the map
@@ -102,7 +102,7 @@ def labels_to_go(
         labels = Labels.joined(waiting.pop(bucket))
         labels = labels[labels.costs < least[labels.cells]]
         labels = labels[worth(labels)]
-        labels = labels[_undominated(labels)]
+        labels = labels[_undominated(labels, straight)]
 
         # sorted by length within a cell: the last and cheapest stays
         least[labels.cells] = labels.costs
@@ -113,10 +113,10 @@ def labels_to_go(
         )
 
         # Back by all moves: who comes from there pays for the cell of the label.
-        before = neighbours_of[labels.cells]  # (n, 8)
+        before = neighbours_of[:, labels.cells]  # (8, n)
         costs = labels.costs + enter[labels.cells]  # (n,)
-        is_cheaper = costs[:, None] < least[before]
-        label, move = np.nonzero(is_cheaper)
+        is_cheaper = costs < least[before]
+        move, label = np.nonzero(is_cheaper)
         lengths = labels.lengths[label] + move_lengths[move]
         reached = Labels(before[is_cheaper], costs[label], lengths, count + label)
 
@@ -182,21 +182,26 @@ def checked_costs(cost: object) -> Numbers:
 
 
 def _neighbours_of(free: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Where moves lead and come from, flat cells ``(X * Y, 8)``; X * Y, one past the last, for
+    """Where moves lead and come from, flat cells ``(8, X * Y)``; X * Y, one past the last, for
     illegal ones.
     """
     here = np.arange(free.size).reshape(free.shape)  # (X, Y)
     there = here[..., None] + flat_cells(MOVES, free.shape)  # (X, Y, 8)
+    legal = np.where(legal_moves(free), there, free.size)
 
-    return np.where(legal_moves(free), there, free.size).reshape(free.size, len(MOVES))
+    return np.ascontiguousarray(legal.reshape(free.size, len(MOVES)).T)
 
 
-def _undominated(labels: Labels) -> NDArray[np.int64]:
-    """Which labels no other one of their cell is as good as, sorted by cell and length.
+def _undominated(labels: Labels, straight: int) -> NDArray[np.int64]:
+    """Which labels of one bucket no other one of their cell is as good as, sorted by cell and
+    length.
 
     Of equal ones the first stays.
     """
-    order = np.lexsort((labels.costs, labels.lengths, labels.cells))
+    # Each move has brought labels in this order, so that a stable sort has little to do.
+    keys = labels.cells * straight + labels.lengths.astype(np.int64) % straight
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
     cells = labels.cells[order]
     costs = labels.costs[order]
 
@@ -210,7 +215,13 @@ def _undominated(labels: Labels) -> NDArray[np.int64]:
         least[stretch:][is_same] = np.minimum(least[stretch:], least[:-stretch])[is_same]
         stretch *= 2
 
-    is_kept = np.ones(len(cells), dtype=bool)
-    is_kept[1:] = (cells[1:] != cells[:-1]) | (costs[1:] < least[:-1])
+    is_cheaper = np.ones(len(cells), dtype=bool)
+    is_cheaper[1:] = (cells[1:] != cells[:-1]) | (costs[1:] < least[:-1])
 
-    return np.asarray(order[is_kept])
+    # of equal length, the last of these is the cheapest
+    order = order[is_cheaper]
+    keys = keys[is_cheaper]
+    is_last = np.ones(len(order), dtype=bool)
+    is_last[:-1] = keys[1:] != keys[:-1]
+
+    return np.asarray(order[is_last])

@@ -21,7 +21,8 @@ from irs_gym.grid import (
 from irs_gym.mdp.budget import SLACK, range_of
 from irs_gym.mdp.task import Constraint, Rules, World
 from irs_gym.memory import freeze
-from irs_gym.oracle.budget_to_go import BudgetToGo, budget_to_go
+from irs_gym.oracle.budget_to_go import BudgetToGo, budget_to_go, distance_within
+from irs_gym.oracle.pareto_front import pareto_front
 from irs_gym.oracle.shortest_path import Path, descend, distance_to_go, infeasible
 
 Bools = NDArray[np.bool_]
@@ -303,7 +304,9 @@ def metres_to_go(
     if left is None:
         return np.asarray(tabulate(world, goal).distance_to_go.take(cells))
 
-    return budget_to_go_of(world, goal).distance(cells, np.asarray(left) + SLACK)
+    fronts = budget_to_go_of(world, goal)
+
+    return distance_within(fronts.offsets, fronts.costs, fronts.distances, cells, left, SLACK)
 
 
 def oracle_path(world: World, start: Cell, goal: Cell, budget: float | None = None) -> Path:
@@ -434,13 +437,12 @@ def _check_budget(world: World, start: Cell, goal: Cell, budget: float) -> None:
     if np.isfinite(metres_to_go(world, goal, here, budget - paid)):
         return
 
-    least = float(paid + budget_to_go_of(world, goal).least_cost(here))
-    if not np.isfinite(least):
-        raise ValueError(f"no path joins start={start} and goal={goal}, whatever the budget")
-
+    # raises a `ValueError` where no path joins the two, whatever the budget
+    assert world.cost is not None
+    front = pareto_front(world.cost, start, goal, world.radio_map.grid.cell_size)
     raise ValueError(
         f"budget={budget} cannot be kept from start={start} to goal={goal}: "
-        f"the least {world.rules.cost} cost of a path is {least:.9g}"
+        f"the least {world.rules.cost} cost of a path is {front.costs[0]:.9g}"
     )
 
 

@@ -223,7 +223,7 @@ def test_what_a_front_says_can_be_paid_to_the_last_digit():
     cost = irs_gym.cost_map(env.unwrapped.radio_map, -60.0, "deficit")
     start, goal = env.unwrapped.world.start, env.unwrapped.world.goal
     front = irs_gym.pareto_front(cost, start, goal, 0.5)
-    assert len(front.costs) == 30
+    assert len(front.costs) == 20
     for n, (budget, metres) in enumerate(zip(front.costs, front.distances, strict=True)):
         _, info = env.reset(options={"budget": min(budget, 100.0)})
         assert info["oracle_distance"] == pytest.approx(metres, abs=1e-9)

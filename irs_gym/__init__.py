@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from irs_gym.oracle.straight_line import straight_line_bound as straight_line_bound
     from irs_gym.oracle.trade_off import TradeOff as TradeOff
     from irs_gym.oracle.trade_off import trade_off as trade_off
+    from irs_gym.radio.outage import outage_probability as outage_probability
     from irs_gym.radio.radio_map import RadioMap as RadioMap
     from irs_gym.radio.radio_map import build_phase_shifts as build_phase_shifts
     from irs_gym.radio.radio_map import build_radio_map as build_radio_map
@@ -47,6 +48,7 @@ _HOMES = {
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",
     "shortest_path": "oracle.shortest_path",
+    "outage_probability": "radio.outage",
     "RadioMap": "radio.radio_map",
     "build_phase_shifts": "radio.radio_map",
     "build_radio_map": "radio.radio_map",

@@ -52,7 +52,8 @@ def as_data(argument: Any) -> Any:
     [3, 'floor.npz']
     """
     if isinstance(argument, Scene | RadioMap):
-        return argument.to_data()
+        known = {"fading": True} if isinstance(argument, RadioMap) else {}
+        return argument.to_data(**known)
     if isinstance(argument, Enum):  # an autoreset mode
         return argument.value
     if isinstance(argument, Path):

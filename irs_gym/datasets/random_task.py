@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
 from irs_gym.datasets.splits import split_of
+from irs_gym.datasets.start_fronts import StartFronts
 from irs_gym.grid import Grid
 from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget, payable
 from irs_gym.mdp.cost import CostKind, cell_costs
-from irs_gym.mdp.dynamics import check_bonus, potential
+from irs_gym.mdp.dynamics import check_task, potential
 from irs_gym.mdp.task import (
     Constraint,
     Observation,
@@ -164,9 +165,15 @@ class Worlds:
         """What each cell of each scene costs under a budget, ``(S, X, Y)``; inf in obstacles."""
         pool = self.pool
         target_db = pool.target_db[:, None, None]
-        costs = cell_costs(pool.gain_db, pool.free, target_db, self.task.cost)
+        fading = pool.fading if self.task.cost == "outage" else None
+        costs = cell_costs(pool.gain_db, pool.free, target_db, self.task.cost, fading)
 
         return frozen(payable(costs))
+
+    @cached_property
+    def start_fronts(self) -> StartFronts:
+        """What the scenes' own starts have to pay under a budget, for which distance."""
+        return StartFronts(len(self), self.world)
 
     def world(self, number: int) -> World:
         """World of one scene, on a map as large as the pool's frame."""
@@ -234,17 +241,30 @@ def _build_worlds(task: RandomTask) -> Worlds:
     else:
         pool = scene_set_of(_read_scenes(task.scenes))
 
-    # Where giving up pays in none of the scenes, it does not in the one of the longest detour.
+    worlds = Worlds(task, pool)
+    for number in _hardest(worlds):
+        try:
+            check_task(worlds.world(number))
+        except ValueError as error:
+            raise ValueError(f"scene {pool.names[number]!r}: {error}") from None
+
+    return worlds
+
+
+def _hardest(worlds: Worlds) -> list[int]:
+    """Numbers of the scenes that have to be checked: where they are in order, all are.
+
+    Where giving up pays in none of the scenes, it does not in the one of the longest detour. At its
+    own target, each has a path of no violation and no deficit; of outage, each has its own least.
+    """
+    if worlds.task.budget is not None and worlds.task.cost == "outage":
+        return list(range(len(worlds)))
+
+    pool = worlds.pool
     offsets = pool.start - pool.goal  # (S, 2) cells
-    detour = pool.oracle_distance + potential(task.rules, offsets, pool.cell_size)  # (S,)
-    worst = int(np.argmax(detour))
+    detour = pool.oracle_distance + potential(worlds.task.rules, offsets, pool.cell_size)  # (S,)
 
-    try:
-        check_bonus(task.rules, float(pool.oracle_distance[worst]), offsets[worst], pool.cell_size)
-    except ValueError as error:
-        raise ValueError(f"scene {pool.names[worst]!r}: {error}") from None
-
-    return Worlds(task, pool)
+    return [int(np.argmax(detour))]
 
 
 @lru_cache(maxsize=16)

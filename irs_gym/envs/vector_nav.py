@@ -11,8 +11,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from irs_gym.envs.nav import IrsNavEnv
-from irs_gym.grid import Cell, flat_cells
+from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
+from irs_gym.mdp.budget import is_below
 from irs_gym.mdp.checks import (
     METADATA,
     PlainSpec,
@@ -250,21 +251,25 @@ class _EpisodeSampler:
         own = start or self.world.start
         grid = self.world.radio_map.grid
         fixed = grid.flat(own)
-        amounts = [None] if budgets is None else np.unique(budgets[chosen]).tolist()
+        amounts = [None] * len(chosen) if budgets is None else budgets[chosen].tolist()
+
+        # The world's own ends were checked with its least budget, and cells are drawn among those
+        # that reach the goal; others are checked now.
+        is_checked = (own, goal) == (self.world.start, self.world.goal)
+        is_checked = is_checked and not is_below(amounts, self.rules.least_budget)
         if start is not None or not self.is_random:
-            for amount in amounts:
+            for amount in () if is_checked else set(amounts):
                 tables_for(self.world, own, goal, amount)
 
             return np.full(len(chosen), fixed)
 
-        budget = [None] * len(self._goals) if budgets is None else budgets.tolist()
-        starts = [choose_start(self.world, goal, rng(i), budget[i]) for i in chosen.tolist()]
-        cells = flat_cells(np.array(starts), grid.shape)  # (n,)
-        for i, cell in zip(chosen.tolist(), cells.tolist(), strict=True):
-            if cell == fixed:  # the others are drawn among those that reach the goal
-                tables_for(self.world, own, goal, budget[i])
+        cells = np.empty(len(chosen), dtype=np.int64)
+        for n, (i, amount) in enumerate(zip(chosen.tolist(), amounts, strict=True)):
+            cells[n] = grid.flat(choose_start(self.world, goal, rng(i), amount))
+            if cells[n] == fixed and not is_checked:
+                tables_for(self.world, own, goal, amount)
 
-        return np.asarray(cells)
+        return cells
 
     def _restacked(self, states: States, goal: Cell) -> States:
         """The states in a model of the goals in use, and no others."""

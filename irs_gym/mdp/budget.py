@@ -71,6 +71,11 @@ def choose_budget(budget: Budget, asked: Any, rng: np.random.Generator | None) -
     return low if rng is None else float(rng.uniform(low, high))
 
 
+def is_below(budgets: Sequence[float | None], least: float | None) -> bool:
+    """Whether one of the budgets is below the least of the task, for which nothing was checked."""
+    return least is not None and any(each is not None and each < least for each in budgets)
+
+
 def payable(cost: Floats) -> Floats:
     """Costs, of any shape, as environments charge them: the nearest multiples of 2**-36.
 
@@ -95,11 +100,12 @@ def amount_left(budget: ArrayLike, spent: ArrayLike) -> Floats:
     [0.75, 0.0, -0.5]
     """
     left = np.subtract(budget, spent)
-    return np.where((left < 0) & (left >= -SLACK), 0.0, left)
+    is_rounding = np.abs(left) <= SLACK
+    return np.where(is_rounding, 0.0, left) if is_rounding.any() else np.asarray(left)
 
 
 def scaled_amount(left: ArrayLike, largest: float) -> NDArray[np.float32]:
-    """What an agent sees of an amount: its share of the largest budget, clipped to [-1, 1].
+    """What an agent sees of an amount: its share of the largest budget, -1 at the least.
 
     Where no budget is larger than 0, it is 0 until that is exhausted.
 
@@ -111,4 +117,4 @@ def scaled_amount(left: ArrayLike, largest: float) -> NDArray[np.float32]:
     [0.0, -1.0]
     """
     share = np.asarray(left) / largest if largest else np.sign(left)
-    return np.clip(share, -1.0, 1.0).astype(np.float32)
+    return np.asarray(np.maximum(share, -1.0), dtype=np.float32)

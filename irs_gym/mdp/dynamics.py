@@ -13,15 +13,14 @@ from irs_gym.grid import (
     MOVE_LENGTHS,
     MOVES,
     Cell,
-    cells_at,
     flat_cells,
     legal_moves,
     octile_distance,
 )
 from irs_gym.mdp.budget import SLACK, range_of
 from irs_gym.mdp.task import Constraint, Rules, World
-from irs_gym.memory import freeze
-from irs_gym.oracle.budget_to_go import BudgetToGo, budget_to_go, distance_within
+from irs_gym.memory import freeze, frozen
+from irs_gym.oracle.budget_to_go import BudgetToGo, budget_to_go, last_within
 from irs_gym.oracle.pareto_front import pareto_front
 from irs_gym.oracle.shortest_path import Path, descend, distance_to_go, infeasible
 
@@ -306,28 +305,23 @@ def metres_to_go(
 
     fronts = budget_to_go_of(world, goal)
 
-    return distance_within(fronts.offsets, fronts.costs, fronts.distances, cells, left, SLACK)
+    point = last_within(fronts.offsets, fronts.costs, cells, np.asarray(left) + SLACK)
+
+    return np.where(point >= 0, fronts.distances.take(point, mode="clip"), np.inf)
 
 
 def oracle_path(world: World, start: Cell, goal: Cell, budget: float | None = None) -> Path:
     """The shortest path that the rules allow, within the budget where there is one."""
-    cell_size = world.radio_map.grid.cell_size
     if budget is None:
-        return descend(tabulate(world, goal).distance_to_go, start, cell_size)
+        to_go = tabulate(world, goal).distance_to_go
+        return descend(to_go, start, world.radio_map.grid.cell_size)
 
-    # The first of the best moves, again and again: each leaves the least metres to go.
-    assert world.cost is not None
-    grid = world.radio_map.grid
-    end = grid.flat(goal)
-    cells = [grid.flat(start)]
-    left = budget - float(paid_at_start(world, cells[0]))
-    distance = float(metres_to_go(world, goal, cells[0], left))
-    while cells[-1] != end:
-        action = optimal_moves_within(world, goal, cells[-1], left)[0]
-        cells.append(int(cells[-1] + flat_cells(MOVES[action], grid.shape)))
-        left -= float(world.cost.flat[cells[-1]])
+    left = budget - float(paid_at_start(world, world.radio_map.grid.flat(start)))
+    path = budget_to_go_of(world, goal).path(start, left + SLACK)
+    if path is None:
+        raise ValueError(f"budget={budget} cannot be kept from start={start} to goal={goal}")
 
-    return Path(distance, cells_at(np.array(cells), grid.shape))
+    return path
 
 
 def optimal_moves_within(world: World, goal: Cell, cell: int, left: float) -> Ints:
@@ -352,6 +346,7 @@ def paid_at_start(world: World, cells: int | Ints) -> NDArray[np.float64] | floa
     return 0.0 if world.cost is None else world.cost.take(cells)
 
 
+@lru_cache(maxsize=8)
 def starts_of(world: World, goal: Cell, budget: float | None) -> Ints:
     """Flat cells that a random start is drawn from: the goal can be reached, within the budget
     where there is one, and is not yet.
@@ -362,7 +357,7 @@ def starts_of(world: World, goal: Cell, budget: float | None) -> Ints:
     cells = np.arange(world.feasible.size)
     to_go = metres_to_go(world, goal, cells, budget - paid_at_start(world, cells))  # (X * Y,)
 
-    return start_cells(to_go.reshape(world.feasible.shape), goal)
+    return frozen(start_cells(to_go.reshape(world.feasible.shape), goal))
 
 
 def choose_start(

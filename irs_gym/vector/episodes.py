@@ -57,6 +57,7 @@ class VectorEpisodes:
         self._has_violated = np.zeros(n, dtype=bool)
         self._budget = np.zeros(n)  # total cost that it may come to, and what it has come to
         self._spent = np.zeros(n)
+        self._left: NDArray[np.float64] | None = None  # of the budgets, where there are any
         self._nobody = frozen(np.zeros(n, dtype=bool))
         self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
@@ -223,16 +224,17 @@ class VectorEpisodes:
         self._states = self._sampler.begin(self._states, chosen, options, self._rng, budgets)
         transition_model = self._sampler.transition_model
         begun = self._states[chosen]
-        left = None
         if budgets is not None:
             self._budget = budgets
             self._spent[chosen] = transition_model.cost(begun)
-            left = amount_left(self._budget[chosen], self._spent[chosen])
+            self._left = amount_left(self._budget, self._spent)
 
         # what an episode adds up, from nothing
         self._distance[chosen] = 0.0
         self._refused[chosen] = 0
-        self._oracle_distance[chosen] = transition_model.distance_to_go(begun, left)
+        self._oracle_distance[chosen] = transition_model.oracle_distance(
+            begun, None if budgets is None else budgets[chosen]
+        )
         self._has_violated[chosen] = False
         self._history.begin(chosen, transition_model.cells(begun), self._clock)
 
@@ -250,23 +252,24 @@ class VectorEpisodes:
         """
         assert outcome.cost is not None
         self._spent += outcome.cost
+        self._left = amount_left(self._budget, self._spent)
         if resumed is not None:  # they have begun, and paid for their start
             outcome.cost[resumed] = self._spent[resumed]
 
         if self._rules.on_exhausted == "continue":
             return outcome
 
-        is_exhausted = self._has_failed()
-        is_lost = outcome.is_at_goal & is_exhausted
-        outcome.reward[is_lost] -= self._rules.goal_bonus
+        is_exhausted = self._left < 0
+        if not is_exhausted.any():
+            return outcome
+
+        outcome.reward[outcome.is_at_goal & is_exhausted] -= self._rules.goal_bonus
 
         return outcome._replace(is_terminated=outcome.is_terminated | is_exhausted)
 
     def _has_failed(self) -> NDArray[np.bool_]:
         """Which episodes can be no success any more, ``(n,)``."""
-        if self._rules.budget is None:
-            return self._has_violated
-        return np.asarray(amount_left(self._budget, self._spent) < 0)
+        return self._has_violated if self._left is None else self._left < 0
 
     def _refusals(
         self,
@@ -344,8 +347,8 @@ class VectorEpisodes:
         """The observations of all robots, in memory of their own or in one buffer for all steps."""
         parts = self._sampler.transition_model.observe(self._states, self._buffer)
         observation = self._sampler.packing.unpack(parts)
-        if self._rules.budget is not None:
-            self._show_budget(observation, amount_left(self._budget, self._spent))
+        if self._left is not None:
+            self._show_budget(observation, self._left)
 
         return observation
 
@@ -377,7 +380,7 @@ class VectorEpisodes:
             is_refused,
             cost,
             is_success,
-            None if self._rules.budget is None else amount_left(self._budget, self._spent),
+            self._left,
         )
 
     def _picture(self, i: int, mode: str) -> Any:

@@ -88,7 +88,7 @@ def _oracle_distance(step: Step) -> Floats:
 
 def _budget_left(step: Step) -> Floats:
     assert step.budget_left is not None
-    return step.budget_left.copy()
+    return step.budget_left  # a new one at each step
 
 
 # One set of keys: at a reset, midway and at the end, in the single environment too. Each array is a

@@ -180,6 +180,24 @@ class ManyScenes:
 
         return metres
 
+    def oracle_distance(  # noqa: D102
+        self, states: States, budgets: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        if budgets is None:
+            return self.distance_to_go(states)
+
+        pool = self.worlds.pool
+        scenes, cells, goals = self.code.decode(states)
+        is_own = ((cells == pool.start[scenes]) & (goals == pool.goal[scenes])).all(axis=1)
+        metres = np.empty(len(states))
+        metres[is_own] = self.worlds.start_fronts.distance(scenes[is_own], budgets[is_own])
+        others = np.flatnonzero(~is_own)
+        if len(others):
+            left = budgets[others] - self.cost(states[others])
+            metres[others] = self.distance_to_go(states[others], left)
+
+        return metres
+
     def cost(self, states: States) -> NDArray[np.float64]:  # noqa: D102
         return self._cost.take(self.code.places(states))
 

@@ -129,6 +129,28 @@ class OneScene:
 
         return metres
 
+    def oracle_distance(  # noqa: D102
+        self, states: States, budgets: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        if budgets is None:
+            return self.distance_to_go(states)
+        if (budgets == self._usual_budget).all():
+            return self._from_start.take(states)
+
+        return self.distance_to_go(states, budgets - self.cost(states))
+
+    @cached_property
+    def _usual_budget(self) -> float:
+        """The least budget: with most tasks the only one."""
+        budget = self.world.rules.least_budget
+        return np.nan if budget is None else budget
+
+    @cached_property
+    def _from_start(self) -> NDArray[np.float64]:
+        """Metres to go for robots that begin in the states with the usual budget, ``(S,)``."""
+        states = np.arange(len(self.to_go))
+        return self.distance_to_go(states, self._usual_budget - self.cost(states))
+
     def cost(self, states: States) -> NDArray[np.float64]:  # noqa: D102
         assert self.world.cost is not None
         return np.asarray(self.world.cost.take(self.cells(states)))

@@ -52,6 +52,13 @@ class TransitionModel(Protocol):
     ) -> NDArray[np.float64]:
         """Metres to the goal, with what is left of budgets ``(n,)`` where there are any."""
 
+    def oracle_distance(
+        self, states: States, budgets: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Metres to the goal for robots that begin in the states, and pay for these out of budgets
+        ``(n,)`` where there are any.
+        """
+
     def cost(self, states: States) -> NDArray[np.float64]:
         """What the cells of the states cost, where there are budgets."""
 

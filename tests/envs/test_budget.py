@@ -42,8 +42,14 @@ def follow(env: gymnasium.Env[Any, Any], actions: list[int]) -> list[Any]:
 
 @pytest.mark.parametrize(
     ("target_db", "budget", "metres"),
-    [(-61.8, 0, 23.228), (-61.8, 1, 22.399), (-61.8, 2, 21.571), (-60.0, 0, 25.642)]
-    + [(-60.0, 13, 25.642), (-60.0, 26, 21.571)],
+    [
+        (-61.8, 0, 23.228),
+        (-61.8, 1, 22.399),
+        (-61.8, 2, 21.571),
+        (-60.0, 0, 25.642),
+        (-60.0, 13, 25.642),
+        (-60.0, 26, 21.571),
+    ],
 )
 def test_the_oracle_is_the_shortest_path_within_the_budget(target_db, budget, metres):
     env = make(budget, target_db)
@@ -179,7 +185,7 @@ def test_each_step_pays_for_the_cell_it_ends_in_refused_ones_too():
 
 
 def test_the_start_is_paid_for():
-    env = row((2, 10), start=(1, 0))
+    env = row((3, 10), start=(1, 0))
     _, info = env.reset(options={"budget": 4})
     assert (info["cost"], info["budget_left"]) == (1.0, 3.0)
     with pytest.raises(ValueError, match=r"budget=2.5 cannot be kept .* cost of a path is 3"):
@@ -194,7 +200,7 @@ def test_an_exhausted_budget_ends_the_episode_as_a_failure():
     observation, _, is_terminated, _, info = env.step(NORTH)
     assert is_terminated
     assert (info["is_success"], info["spl"], info["distance_to_go"]) == (False, 0.0, np.inf)
-    assert observation["budget"].tolist() == [-2 / 3] or observation["budget"][0] < 0
+    assert observation["budget"].tolist() == [np.float32(-2 / 3)]
 
 
 @pytest.mark.parametrize(("on_exhausted", "bonus"), [("terminate", 0.0), ("continue", 10.0)])
@@ -392,7 +398,7 @@ def test_what_can_mean_nothing_is_refused_by_name(arguments, message, make_one):
 @pytest.mark.parametrize("asked", [-1, np.nan, 3, "1", True])
 def test_a_budget_of_one_episode_is_checked(asked):
     env = make((0, 2))
-    with pytest.raises(ValueError, match="must be a number from 0 to 2.0"):
+    with pytest.raises(ValueError, match=r"must be a number from 0 to 2\.0"):
         env.reset(options={"budget": asked})
 
 

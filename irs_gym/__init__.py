@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from irs_gym.datasets.generator import Difficulty as Difficulty
     from irs_gym.datasets.generator import generate_scene as generate_scene
     from irs_gym.grid import Grid as Grid
+    from irs_gym.mdp.cost import cost_map as cost_map
     from irs_gym.oracle.budget_to_go import BudgetToGo as BudgetToGo
     from irs_gym.oracle.budget_to_go import budget_to_go as budget_to_go
     from irs_gym.oracle.pareto_front import Front as Front
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from irs_gym.oracle.straight_line import straight_line_bound as straight_line_bound
     from irs_gym.oracle.trade_off import TradeOff as TradeOff
     from irs_gym.oracle.trade_off import trade_off as trade_off
+    from irs_gym.radio.outage import outage_probability as outage_probability
     from irs_gym.radio.radio_map import RadioMap as RadioMap
     from irs_gym.radio.radio_map import build_phase_shifts as build_phase_shifts
     from irs_gym.radio.radio_map import build_radio_map as build_radio_map
@@ -37,6 +39,7 @@ _HOMES = {
     "Difficulty": "datasets.generator",
     "generate_scene": "datasets.generator",
     "Grid": "grid",
+    "cost_map": "mdp.cost",
     "BudgetToGo": "oracle.budget_to_go",
     "budget_to_go": "oracle.budget_to_go",
     "Front": "oracle.pareto_front",
@@ -45,6 +48,7 @@ _HOMES = {
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",
     "shortest_path": "oracle.shortest_path",
+    "outage_probability": "radio.outage",
     "RadioMap": "radio.radio_map",
     "build_phase_shifts": "radio.radio_map",
     "build_radio_map": "radio.radio_map",

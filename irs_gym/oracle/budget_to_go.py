@@ -64,7 +64,7 @@ class BudgetToGo:
 
         ``cells`` are flat cells of any shape, and ``budget_left`` what may be paid for the cells
         after them, of the same shape or one number; negative where it is overdrawn. A cost that
-        exceeds it by no more than rounding, 1e-9 of ``most``, meets it.
+        exceeds it by no more than rounding, 1e-12 of ``most``, meets it.
         """
         pair = self.pair(cells, budget_left)
 

@@ -16,9 +16,9 @@ from irs_gym.oracle.whole_lengths import MOST_CELLS, whole_lengths
 Numbers = NDArray[np.float64]
 
 # A sum of costs is within a budget that it exceeds by no more than this share: rounding.
-TOLERANCE = 1e-9
+TOLERANCE = 1e-12
 
-_BITS = 44  # of the greatest cost that a path may have: whole sums stay far below 2**53
+_BITS = 50  # of the greatest cost that a path may have: sums of whole costs stay below 2**53
 _LARGEST = 1e100  # of a cell's cost: sums over paths stay finite
 
 # At the most: of a cell, in the graph of the moves and searches in it; and of a label.
@@ -135,14 +135,15 @@ def labels_to_go(
 def whole_costs(cost: Numbers, greatest: float) -> tuple[Numbers, float]:
     """Costs as whole numbers, whose sums are exact in any order, and the unit that they count.
 
-    The unit is a power of two, a share of about 2**-44 of the greatest sum that is of interest:
-    whole costs and short binary fractions stay what they are, others are rounded. So costs of the
-    same cells in another order, or of cells that differ by rounding alone, are equal. Cells that
-    cost more than the greatest sum count as obstacles.
+    The unit is a power of two, a share of about 2**-50 of the greatest sum that is of interest:
+    whole costs and short binary fractions stay what they are, others are rounded. What alone costs
+    more than the greatest sum costs some number above it.
     """
     unit = max(ldexp(1.0, frexp(greatest)[1] - _BITS), np.finfo(np.float64).tiny)
+    with np.errstate(over="ignore"):
+        whole = np.minimum(np.rint(cost / unit), 2.0 ** (_BITS + 1))
 
-    return np.where(cost <= greatest * (1 + TOLERANCE), np.rint(cost / unit), np.inf), unit
+    return np.where(np.isfinite(cost), whole, np.inf), unit
 
 
 def checked_costs(cost: object) -> Numbers:

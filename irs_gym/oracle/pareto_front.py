@@ -81,7 +81,7 @@ class Front:
     def within(self, budget: float) -> Path:
         """The shortest path whose total cost is at most the budget.
 
-        A cost that exceeds the budget by no more than rounding, 1e-9 of it, is within it. Raises
+        A cost that exceeds the budget by no more than rounding, 1e-12 of it, is within it. Raises
         ``ValueError`` where no path meets the budget, or it is negative or NaN.
         """
         budget = checked_budget(budget)
@@ -128,8 +128,8 @@ class Front:
         Any shape, the same is returned; inf where no path meets the budget. Raises ``ValueError``
         where a budget is negative or NaN.
         """
-        budgets = np.asarray(budget, dtype=np.float64)
-        if not np.all(budgets >= 0):
+        budgets = np.asarray(budget)
+        if budgets.dtype.kind not in "iuf" or not np.all(budgets >= 0):
             raise ValueError(f"budget={budget!r} must be numbers, 0 or more")
 
         hull = self.hull()
@@ -149,8 +149,9 @@ def pareto_front(cost: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     """The Pareto front of cost and distance over all paths from start to goal, exactly.
 
     Lengths are compared as a + b sqrt(2), and costs as whole numbers of a unit, a power of two that
-    is about 2**-44 of the cost of a shortest path: whole costs are exact, and the order in which
-    costs are added up makes no difference. What is returned is added up anew, by `math.fsum`.
+    is about 2**-50 of the cost of a shortest path: whole costs are exact, and the order in which
+    costs are added up makes no difference. What is returned is added up anew, by `math.fsum`; of
+    two points whose costs differ by rounding alone, 1e-12 of them, the shorter stays.
 
     Parameters
     ----------
@@ -194,12 +195,20 @@ def pareto_front(cost: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     whole, _ = whole_costs(cost, _sum(cost, shortest.cells))
     labels = labels_to_go(whole, sink, _Bounds(whole, source))
 
-    # those of the start, sorted by length: the last is the cheapest
-    points = np.flatnonzero(labels.cells == source)[::-1]
-    paths = [cells_at(path, cost.shape) for path in _paths(labels, points)]
+    # those of the start, sorted by length: the shortest first
+    paths: list[NDArray[np.int64]] = []
+    costs: list[float] = []
+    for path in _paths(labels, np.flatnonzero(labels.cells == source), cost.shape):
+        total = _sum(cost, path)
+        if not costs or total < costs[-1] * (1 - TOLERANCE):
+            paths.append(path)
+            costs.append(total)
+
+    # and the cheapest first
+    paths.reverse()
 
     return Front(
-        costs=np.array([_sum(cost, path) for path in paths]),
+        costs=np.array(costs[::-1]),
         distances=np.array([path_length(path, cell_size) for path in paths]),
         cells=np.concatenate(paths),
         ends=np.cumsum([len(path) for path in paths]),
@@ -210,14 +219,16 @@ def _sum(cost: Numbers, path: NDArray[np.int64]) -> float:
     return fsum(cost[path[:, 0], path[:, 1]].tolist())
 
 
-def _paths(labels: Labels, points: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """The flat cells of the paths of those labels, from the start to the goal."""
+def _paths(
+    labels: Labels, points: NDArray[np.int64], shape: tuple[int, ...]
+) -> list[NDArray[np.int64]]:
+    """The cells of the paths of those labels ``(D, 2)``, from the start to the goal."""
     paths = []
     for point in points:
         path = [point]
         while labels.after[path[-1]] >= 0:
             path.append(labels.after[path[-1]])
-        paths.append(labels.cells[path].astype(np.int64))
+        paths.append(cells_at(labels.cells[path].astype(np.int64), (shape[0], shape[1])))
 
     return paths
 

@@ -82,10 +82,10 @@ def payable(cost: Floats) -> Floats:
     Examples
     --------
     >>> a, b, c = 0.1, 0.2, 0.3
-    >>> (a + b) + c == a + (b + c)
+    >>> a + b + c == c + b + a
     False
     >>> a, b, c = payable(np.array([a, b, c]))
-    >>> bool((a + b) + c == a + (b + c)), abs(a - 0.1) < 1e-11
+    >>> bool(a + b + c == c + b + a), bool(abs(a - 0.1) < 1e-11)
     (True, True)
     """
     return np.asarray(np.rint(cost / _UNIT) * _UNIT)

@@ -484,6 +484,7 @@ def test_the_public_names_are_all_tried_here():
         "TradeOff",
         "__version__",
         "cost_map",
+        "from_rssi_histograms",
         "from_sionna",
         "outage_probability",
     }  # results, data; tests of their own

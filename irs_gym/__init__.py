@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from irs_gym.datasets.generator import generate_scene as generate_scene
     from irs_gym.grid import Grid as Grid
     from irs_gym.mdp.cost import cost_map as cost_map
+    from irs_gym.oracle.budget_to_go import BudgetToGo as BudgetToGo
+    from irs_gym.oracle.budget_to_go import budget_to_go as budget_to_go
+    from irs_gym.oracle.pareto_front import Front as Front
+    from irs_gym.oracle.pareto_front import pareto_front as pareto_front
     from irs_gym.oracle.shortest_path import Path as Path
     from irs_gym.oracle.shortest_path import distance_to_go as distance_to_go
     from irs_gym.oracle.shortest_path import highest_feasible_target as highest_feasible_target
@@ -37,6 +41,10 @@ _HOMES = {
     "generate_scene": "datasets.generator",
     "Grid": "grid",
     "cost_map": "mdp.cost",
+    "BudgetToGo": "oracle.budget_to_go",
+    "budget_to_go": "oracle.budget_to_go",
+    "Front": "oracle.pareto_front",
+    "pareto_front": "oracle.pareto_front",
     "Path": "oracle.shortest_path",
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",

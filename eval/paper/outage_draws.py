@@ -36,6 +36,9 @@ PANELS = (
     (32, 16),
     (10, 120),
 )
+# Small panels are drawn more often, as a draw of theirs costs less.
+_AS_MUCH_WORK = 128  # elements: up to so many
+_MOST = 25  # times as many draws
 HARDWARE = {"continuous": Hardware(), "1 bit": Hardware(1)}
 
 
@@ -188,8 +191,9 @@ def draw_panels(draws: int, seed: int) -> dict[str, list[OutageDraws]]:
     for n, (columns, rows) in enumerate(track(PANELS, "panels", transient=True)):
         scene = paper.model_copy(update={"irs_panels": (_panel(paper, columns, rows),)})
         site = _site(scene, cell, "continuous")
+        own = int(draws * np.clip(_AS_MUCH_WORK / (columns * rows), 1, _MOST))
         for k, (name, change) in enumerate(cases.items()):
-            found[name].append(_draw(name, "continuous", change(site), draws, [seed, n, k]))
+            found[name].append(_draw(name, "continuous", change(site), own, [seed, n, k]))
 
     return found
 

@@ -74,21 +74,20 @@ def draw_errors(panels: Mapping[str, Sequence[OutageDraws]], folder: Path) -> No
         for style, (case, sizes) in zip(_CASES, panels.items(), strict=True):
             elements = np.array([each.elements for each in sizes])
             errors = np.array([each.worst_error for each in sizes])
+            bounds = np.array([each.sampling_error for each in sizes])
             axes.loglog(elements, errors, label=case, **style)
-            rows += [(case, *row) for row in zip(elements.tolist(), errors.tolist(), strict=True)]
+            columns = (elements.tolist(), errors.tolist(), bounds.tolist())
+            rows += [(case, *row) for row in zip(*columns, strict=True)]
 
-        bound = next(iter(panels.values()))[0].sampling_error
-        axes.axhline(bound, color="black", linestyle="--", linewidth=1)
-        axes.annotate(
-            "sampling alone stays below this, 999 times in 1,000",
-            (elements[0], bound),
-            textcoords="offset points",
-            xytext=(2, 4),
-            fontsize=8,
+        label = "sampling alone stays below, 999 times in 1,000"
+        axes.loglog(elements, bounds, color="black", linestyle="--", linewidth=1, label=label)
+        axes.loglog(elements, 0.18 / elements, color="#cccccc", linewidth=1, label="0.18 / M")
+        axes.loglog(
+            elements, 0.05 / np.sqrt(elements), color="#aaaaaa", linestyle="-.", label="0.05 / √M"
         )
-        axes.loglog(elements, 0.18 / elements, color="#bbbbbb", linewidth=1, label="0.18 / M")
         axes.set(xlabel="elements M", ylabel="worst error of the probability, over all thresholds")
-        axes.set_ylim(bottom=bound / 6)
+        axes.set_ylim(bottom=3e-4)
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8)
-        save(figure, folder, "outage_error", ("case", "elements", "worst_error"), rows)
+        header = ("case", "elements", "worst_error", "sampling_error")
+        save(figure, folder, "outage_error", header, rows)

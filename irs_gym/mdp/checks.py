@@ -1,5 +1,6 @@
 """Checks of what users hand to an environment: actions, seeds, options, modes and sizes."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
@@ -151,9 +152,12 @@ def check_num_envs(num_envs: int, max_episode_steps: int, packing: Packing) -> N
 
 
 def checked_count(name: str, value: Any) -> int:
-    """A positive integer; a ``ValueError`` names what is none."""
+    """A positive integer of at most 64 bits; a ``ValueError`` names what is none."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{name}={value!r} must be a positive integer")
+    if value > sys.maxsize:
+        raise ValueError(f"{name} must be at most {sys.maxsize}")
+
     return int(value)
 
 

@@ -470,6 +470,8 @@ def arguments(folder: Path) -> Callable[[], None]:
         (irs_gym.distance_to_go, [array, cell, number]),
         (irs_gym.highest_feasible_target, [array, cell, cell]),
         (irs_gym.trade_off, [array, cell, cell, number]),
+        (irs_gym.pareto_front, [array, cell, cell, number]),
+        (irs_gym.budget_to_go, [array, cell, number, number]),
         (irs_gym.straight_line_bound, [array, cell, cell, number]),
         (irs_gym.RadioMap.from_array, [array, number, anything, st.none() | anything]),
         (irs_gym.RadioMap.load, [anything]),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy, takes_masks
+from irs_gym.mdp.budget import range_of
 from irs_gym.mdp.metrics import distance_ratio, soft_spl
 from irs_gym.mdp.task import Task
 
@@ -75,7 +76,8 @@ def arguments_of(task: Any) -> dict[str, Any]:
 
 
 def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
-    """The environment that policies are tested in: the task's, from its fixed start.
+    """The environment that policies are tested in: the task's, from its fixed start, and with the
+    largest budget.
 
     Raises
     ------
@@ -84,7 +86,15 @@ def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
     ValueError
         Where it cannot be made; an infeasible target included.
     """
-    return gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(replace(task, random_start=False)))
+    budget = None if task.budget is None else range_of(task.budget)[1]
+    tested = replace(task, random_start=False, budget=budget)
+
+    return gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(tested))
+
+
+def _misses(info: dict[str, Any]) -> bool:
+    """Whether the target is missed: in this cell, or with a budget, where that is exhausted."""
+    return bool(info["budget_left"] < 0 if "budget_left" in info else info["cost"] > 0)
 
 
 def roll_out(
@@ -115,7 +125,7 @@ def roll_out(
         steps = steps + 1
         total_reward = total_reward + float(reward)
         is_over = is_terminated or is_truncated
-        has_missed = has_missed or info["cost"] > 0
+        has_missed = has_missed or _misses(info)
 
     robot: Any = env.unwrapped
     path = np.asarray(robot.path)

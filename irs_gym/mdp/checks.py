@@ -118,21 +118,21 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
     return numbers
 
 
-def checked_options(options: dict[str, Any] | None, more: str | None = None) -> dict[str, Any]:
-    """The options of `reset`: ``start`` and ``goal``, checked to be cells, and ``more`` as it is
-    given.
+def checked_options(options: dict[str, Any] | None, *more: str) -> dict[str, Any]:
+    """The options of `reset`: ``start`` and ``goal``, checked to be cells, and those of ``more`` as
+    they are given.
 
     A ``ValueError`` names an unknown key, or a value that is no cell.
     """
-    unknown = sorted(set(options or {}) - {"start", "goal", more})
+    unknown = sorted(set(options or {}) - {"start", "goal", *more})
     if unknown:
-        may_hold = "start and goal, cells (i, j)" + (f", and {more}" if more else "")
+        may_hold = "start and goal, cells (i, j)" + "".join(f", and {each}" for each in more)
         raise ValueError(
             f"options has the unknown key {', '.join(unknown)}: it may hold {may_hold}"
         )
 
     return {
-        name: value if name == more else as_cell(value, name)
+        name: value if name in more else as_cell(value, name)
         for name, value in (options or {}).items()
     }
 

@@ -4,6 +4,7 @@ robot stands and for panels of any size.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import sqrt
 from typing import Any
 
@@ -74,7 +75,7 @@ class OutageDraws:
         """A^2 / tau."""
         return float(linear_to_db(self.fading.los_gain / self.fading.scattered_gain))
 
-    @property
+    @cached_property
     def worst_error(self) -> float:
         """Largest distance of the drawn share from the closed form, over all thresholds."""
         return float(kstest(self.gains, self._distribution).statistic)

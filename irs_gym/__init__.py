@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from irs_gym.radio.radio_map import RadioMap as RadioMap
     from irs_gym.radio.radio_map import build_phase_shifts as build_phase_shifts
     from irs_gym.radio.radio_map import build_radio_map as build_radio_map
+    from irs_gym.radio.rssi import from_rssi_histograms as from_rssi_histograms
     from irs_gym.radio.scene import Scene as Scene
     from irs_gym.radio.scene import load_scene as load_scene
     from irs_gym.radio.sionna import from_sionna as from_sionna
@@ -52,6 +53,7 @@ _HOMES = {
     "RadioMap": "radio.radio_map",
     "build_phase_shifts": "radio.radio_map",
     "build_radio_map": "radio.radio_map",
+    "from_rssi_histograms": "radio.rssi",
     "Scene": "radio.scene",
     "load_scene": "radio.scene",
     "from_sionna": "radio.sionna",

@@ -487,6 +487,7 @@ def test_the_public_names_are_all_tried_here():
         "__version__",
         "budget_to_go",
         "cost_map",
+        "from_rssi_histograms",
         "from_sionna",
         "outage_probability",
         "pareto_front",

@@ -10,6 +10,8 @@ from gymnasium.envs.registration import register, registry
 if TYPE_CHECKING:
     from irs_gym.datasets.generator import Difficulty as Difficulty
     from irs_gym.datasets.generator import generate_scene as generate_scene
+    from irs_gym.envs.cost_steps import SixTuple as SixTuple
+    from irs_gym.envs.cost_steps import VectorReward as VectorReward
     from irs_gym.grid import Grid as Grid
     from irs_gym.mdp.cost import cost_map as cost_map
     from irs_gym.oracle.budget_to_go import BudgetToGo as BudgetToGo
@@ -39,6 +41,8 @@ __version__ = "0.1.0"
 _HOMES = {
     "Difficulty": "datasets.generator",
     "generate_scene": "datasets.generator",
+    "SixTuple": "envs.cost_steps",
+    "VectorReward": "envs.cost_steps",
     "Grid": "grid",
     "cost_map": "mdp.cost",
     "BudgetToGo": "oracle.budget_to_go",

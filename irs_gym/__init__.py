@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from irs_gym.oracle.straight_line import straight_line_bound as straight_line_bound
     from irs_gym.oracle.trade_off import TradeOff as TradeOff
     from irs_gym.oracle.trade_off import trade_off as trade_off
+    from irs_gym.radio.codebook import Codebook as Codebook
+    from irs_gym.radio.codebook import codebook_gain_db as codebook_gain_db
+    from irs_gym.radio.codebook import dft_codebook as dft_codebook
+    from irs_gym.radio.codebook import focused_codebook as focused_codebook
     from irs_gym.radio.radio_map import RadioMap as RadioMap
     from irs_gym.radio.radio_map import build_phase_shifts as build_phase_shifts
     from irs_gym.radio.radio_map import build_radio_map as build_radio_map
@@ -37,6 +41,10 @@ _HOMES = {
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",
     "shortest_path": "oracle.shortest_path",
+    "Codebook": "radio.codebook",
+    "codebook_gain_db": "radio.codebook",
+    "dft_codebook": "radio.codebook",
+    "focused_codebook": "radio.codebook",
     "RadioMap": "radio.radio_map",
     "build_phase_shifts": "radio.radio_map",
     "build_radio_map": "radio.radio_map",

@@ -71,6 +71,9 @@ def fewest_configurations(
     """The shortest path with 0, 1, 2 ... switches of the panel, exactly, with the best
     configurations of all free cells to choose from. The first configuration is free.
 
+    Where one configuration serves both ends of each move of the paper's path, the last point of the
+    front has its metres. Where none does, they are more: the panel switches in place.
+
     Parameters
     ----------
     scene

@@ -120,7 +120,8 @@ def joint_shortest_path(
     target_db = checked_target(target_db)
     cell_size = checked_cell_size(cell_size)
     switch_cost = checked_switch_cost(switch_cost)
-    source, sink = checked_ends(gain_db, start, goal)
+    source = checked_end(gain_db, start, "start")
+    sink = checked_end(gain_db, goal, "goal")
     gains_here = gain_db.reshape(len(gain_db), -1)[:, source]  # (K,)
     first = int(np.argmax(gains_here)) if first is None else _checked_first(first, len(gain_db))
 
@@ -170,7 +171,7 @@ def joint_distance_to_go(
     target_db = checked_target(target_db)
     cell_size = checked_cell_size(cell_size)
     switch_cost = checked_switch_cost(switch_cost)
-    _, sink = checked_ends(gain_db, goal, goal)
+    sink = checked_end(gain_db, goal, "goal")
 
     pairs = feasible_pairs(gain_db, target_db)
     straight, diagonal, half_switch = _weights(pairs.shape, switch_cost / cell_size)
@@ -207,7 +208,8 @@ def highest_joint_target(gain_db: NDArray[np.float64], start: Cell, goal: Cell) 
     -63.0
     """
     gain_db = checked_gains(gain_db)
-    source, sink = checked_ends(gain_db, start, goal)
+    source = checked_end(gain_db, start, "start")
+    sink = checked_end(gain_db, goal, "goal")
     best = gain_db.max(axis=0).ravel()  # (X * Y,)
     if source == sink:
         return float(best[source])
@@ -422,12 +424,9 @@ def checked_switch_cost(switch_cost: Any) -> float:
     return float(switch_cost)
 
 
-def checked_ends(gain_db: NDArray[np.float64], start: Any, goal: Any) -> tuple[int, int]:
-    """Flat cells of start and goal; a ``ValueError`` names the one that is no cell of the map."""
-    return (
-        flat_cell(gain_db[0], as_cell(start, "start"), "start"),
-        flat_cell(gain_db[0], as_cell(goal, "goal"), "goal"),
-    )
+def checked_end(gain_db: NDArray[np.float64], cell: Any, name: str) -> int:
+    """Flat cell of an end of the path; a ``ValueError`` names it where it is no cell of the map."""
+    return flat_cell(gain_db[0], as_cell(cell, name), name)
 
 
 def _checked_first(first: Any, configurations: int) -> int:

@@ -19,7 +19,7 @@ from irs_gym.memory import freeze
 from irs_gym.oracle.joint import (
     Graph,
     JointPath,
-    checked_ends,
+    checked_end,
     checked_gains,
     checked_target,
     feasible_pairs,
@@ -107,7 +107,8 @@ def switch_front(
     gain_db = checked_gains(gain_db)
     target_db = checked_target(target_db)
     cell_size = checked_cell_size(cell_size)
-    source, sink = checked_ends(gain_db, start, goal)
+    source = checked_end(gain_db, start, "start")
+    sink = checked_end(gain_db, goal, "goal")
 
     pairs = feasible_pairs(gain_db, target_db)
     lengths = whole_lengths(int(np.count_nonzero(pairs)))

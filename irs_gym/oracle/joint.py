@@ -4,7 +4,7 @@
 
 from bisect import bisect_left
 from dataclasses import dataclass
-from math import floor
+from math import floor, isnan
 from numbers import Real
 from operator import index
 from typing import Any, NamedTuple
@@ -449,9 +449,13 @@ def checked_gains(gain_db: Any) -> NDArray[np.float64]:
 def checked_target(target_db: Any) -> float:
     """A target in dB; a ``ValueError`` where it is no number."""
     is_number = isinstance(target_db, Real) and not isinstance(target_db, bool)
-    if not is_number or np.isnan(float(target_db)):
-        raise ValueError(f"target_db={target_db!r} must be a number of dB")
-    return float(target_db)
+    try:
+        if is_number and not isnan(target_db):
+            return float(target_db)
+    except OverflowError:  # an integer of hundreds of digits
+        pass
+
+    raise ValueError(f"target_db={target_db!r} must be a number of dB")
 
 
 def checked_switch_cost(switch_cost: Any) -> float:

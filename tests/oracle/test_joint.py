@@ -240,6 +240,37 @@ def test_of_equally_good_paths_that_of_fewest_switches_is_taken():
     assert joint_shortest_path(gain_db, -1.0, (0, 0), (4, 0), 1.0).switches == 1
 
 
+def test_free_switches_are_made_no_more_than_it_takes():
+    tied = 0
+    for gain_db, start, goal, _ in stacks(300, ((3, 3), (5, 4), (9, 7)), most=6):
+        # so little a switch that no other path is taken for it
+        expected = best_to_go(states_of(gain_db, -2.0, 1.0, 1e-6), goal)
+        first = int(np.argmax(gain_db[:, *start]))
+        if (first, *start) not in expected:
+            continue
+        path = joint_shortest_path(gain_db, -2.0, start, goal, 1.0)
+        assert path.distance + 1e-6 * path.switches == pytest.approx(
+            expected[first, *start], abs=1e-9
+        )
+        tied += path.switches > 0
+
+    assert tied > 10
+
+
+def test_a_way_far_around_is_found_where_the_straight_one_takes_many_switches():
+    gain_db = np.full((6, 11, 4), -9.0)
+    for k in range(5):
+        gain_db[k, 2 * k : 2 * k + 3, 0] = 0.0  # five in a row, each of three cells
+    around = [*((n, n) for n in range(4)), *((n, 3) for n in range(4, 7))]
+    for i, j in [*around, *((10 - i, j) for i, j in around)]:
+        gain_db[5, i, j] = 0.0
+
+    path = joint_shortest_path(gain_db, -1.0, (0, 0), (10, 0), 1.0, 1.0, first=5)
+    assert (path.distance, path.switches) == (pytest.approx(4 + 6 * sqrt(2)), 0)
+    path = joint_shortest_path(gain_db, -1.0, (0, 0), (10, 0), 1.0, 0.4, first=5)
+    assert (path.distance, path.switches) == (pytest.approx(12.0), 5)
+
+
 def test_the_first_configuration_is_the_one_of_the_highest_gain_unless_it_is_given():
     gain_db = np.zeros((3, 2, 1))
     gain_db[1:, 0] = 5.0

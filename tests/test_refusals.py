@@ -497,5 +497,5 @@ def test_the_public_names_are_all_tried_here():
         "joint_distance_to_go",
         "highest_joint_target",
         "switch_front",
-    }  # results, data; test_sionna.py, test_codebook.py, test_configurations.py, test_joint.py
+    }  # results, data; test_sionna.py, test_codebook.py ...
     assert all(name in source for name in {*irs_gym.__all__} - untried)

@@ -22,12 +22,11 @@ from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser, channel
 from irs_gym.radio.scene import Scene, load_scene
 from irs_gym.units import Floats, linear_to_db
 
-_BLOCK = (
-    2**20
-)  # complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
-_ENTRY_BYTES = 160  # for each of them, at the most
+# complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
+BLOCK = 2**20
+ENTRY_BYTES = 160  # for each of them, at the most
 _CELL_BYTES = 64  # for each cell of a map that is built
-_LINK_BYTES = 400  # gone over for each cell and box in the way, for each link
+LINK_BYTES = 400  # gone over for each cell and box in the way, for each link
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,7 +378,7 @@ def build_map_and_shifts(
     by_cell = shifts.reshape(gain_db.size, -1)  # (X * Y, N), a view
 
     for cells, gains, scattered, held in _receive(model, needs_shifts=needs_shifts):
-        _check_gains(grid, cells, gains)
+        check_gains(grid, cells, gains)
         gain_db.flat[cells] = linear_to_db(gains)
         los_gain.flat[cells] = np.maximum(gains - scattered, 0.0)
         scattered_gain.flat[cells] = scattered
@@ -411,26 +410,39 @@ def _receive(
     scene = model.built_scene
     hardware = model.hardware
 
-    for cells, positions in _blocks(scene, model.grid, _width(model, needs_shifts=needs_shifts)):
-        gains = np.full(len(cells), -np.inf)  # (n,)
-        scattered = np.zeros(len(cells))  # (n,)
-        shifts = np.zeros((len(cells), 0))  # (n, N) from the first access point on
+    for cells, positions in cell_blocks(
+        scene, model.grid, entries_of_a_cell(model, needs_shifts=needs_shifts)
+    ):
+        yield cells, *serve(scene, hardware, positions, needs_shifts=needs_shifts)
 
-        for n, access_point in enumerate(scene.access_points):
-            site = channel(scene, access_point, positions)
-            if needs_shifts:
-                own_gains, own_shifts = site.gain_and_shifts(hardware)
-            else:
-                own_gains, own_shifts = site.expected_gain(hardware), shifts
 
-            # Of equal access points the first serves. The best so far is kept, not the shifts of
-            # all to choose from: a block of shifts is large.
-            is_better = own_gains > gains
-            shifts = own_shifts if n == 0 else np.where(is_better[:, None], own_shifts, shifts)
-            scattered = np.where(is_better, site.scattered_power(), scattered)
-            gains = np.maximum(gains, own_gains)
+def serve(
+    scene: Scene, hardware: Hardware, positions: Floats, *, needs_shifts: bool
+) -> tuple[Floats, Floats, Floats]:
+    """What is received at positions ``(n, 3)`` from the access point that serves each best.
 
-        yield cells, gains, scattered, shifts
+    Returns expected gains ``(n,)`` and their scattered parts ``(n,)``, both linear, and phase
+    shifts ``(n, N)``, or ``(n, 0)`` where none are needed.
+    """
+    gains = np.full(len(positions), -np.inf)  # (n,)
+    scattered = np.zeros(len(positions))  # (n,)
+    shifts = np.zeros((len(positions), 0))  # (n, N) from the first access point on
+
+    for n, access_point in enumerate(scene.access_points):
+        site = channel(scene, access_point, positions)
+        if needs_shifts:
+            own_gains, own_shifts = site.gain_and_shifts(hardware)
+        else:
+            own_gains, own_shifts = site.expected_gain(hardware), shifts
+
+        # Of equal access points the first serves. The best so far is kept, not the shifts of all to
+        # choose from: a block of shifts is large.
+        is_better = own_gains > gains
+        shifts = own_shifts if n == 0 else np.where(is_better[:, None], own_shifts, shifts)
+        scattered = np.where(is_better, site.scattered_power(), scattered)
+        gains = np.maximum(gains, own_gains)
+
+    return gains, scattered, shifts
 
 
 def _no_shifts(model: RadioModel, *, needs_shifts: bool) -> NDArray[np.float32]:
@@ -441,7 +453,7 @@ def _no_shifts(model: RadioModel, *, needs_shifts: bool) -> NDArray[np.float32]:
     return np.zeros((*model.grid.shape, subsurfaces), dtype=np.float32)
 
 
-def _width(model: RadioModel, *, needs_shifts: bool) -> int:
+def entries_of_a_cell(model: RadioModel, *, needs_shifts: bool) -> int:
     """Complex entries for each cell: elements or sub-surfaces of the largest panel, 0 where sums
     need no array.
     """
@@ -460,7 +472,7 @@ def _check_work(model: RadioModel, *, needs_shifts: bool) -> None:
     what makes it large.
     """
     scene = model.built_scene
-    width = _width(model, needs_shifts=needs_shifts)
+    width = entries_of_a_cell(model, needs_shifts=needs_shifts)
     grid = model.grid
     cells = grid.shape[0] * grid.shape[1]
     if needs_shifts:
@@ -471,25 +483,25 @@ def _check_work(model: RadioModel, *, needs_shifts: bool) -> None:
             4.0 * subsurfaces * cells,
         )
 
-    block = max(_BLOCK, width)
+    block = max(BLOCK, width)
     grid.check_memory(_CELL_BYTES)
     links = len(scene.access_points) * (1 + len(scene.irs_panels))
     entries = len(scene.access_points) * max(1, len(scene.irs_panels)) * width
     check_memory(
         f"irs_elements: {width} elements or sub-surfaces for each of {cells} cells, "
         f"at cell_size={grid.cell_size},",
-        min(block, cells * width) * max(1, len(scene.irs_panels)) * _ENTRY_BYTES,
-        cells * entries * _ENTRY_BYTES,
+        min(block, cells * width) * max(1, len(scene.irs_panels)) * ENTRY_BYTES,
+        cells * entries * ENTRY_BYTES,
     )
     check_memory(
         f"cell_size={grid.cell_size}: {links} links past {len(scene.obstacles)} obstacles "
         f"to each of {cells} cells",
         0,
-        cells * links * (1 + len(scene.obstacles)) * _LINK_BYTES,
+        cells * links * (1 + len(scene.obstacles)) * LINK_BYTES,
     )
 
 
-def _check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
+def check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
     """Refuse gains that are no positive numbers: they would pass for obstacles."""
     wrong = np.flatnonzero(~((gains > 0) & (gains < np.inf)))
     if len(wrong):
@@ -502,11 +514,11 @@ def _check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
         )
 
 
-def _blocks(scene: Scene, grid: Grid, width: int) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+def cell_blocks(scene: Scene, grid: Grid, width: int) -> Iterator[tuple[NDArray[np.int64], Floats]]:
     """Free cells as flat indices ``(n,)`` and antenna positions ``(n, 3)``, block by block."""
     floor = grid.centres().reshape(-1, 2)
     free = np.flatnonzero(~is_in_footprint(floor, scene.boxes))
-    block = max(1, min(2**15, _BLOCK // width)) if width else 2**15
+    block = max(1, min(2**15, BLOCK // width)) if width else 2**15
 
     for first in range(0, len(free), block):
         cells = free[first : first + block]

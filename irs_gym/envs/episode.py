@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell, as_cell
 from irs_gym.mdp.action_values import optimal_q
-from irs_gym.mdp.budget import amount_left, choose_budget, scaled_amount
+from irs_gym.mdp.budget import choose_budget, cleared, scaled_amount
 from irs_gym.mdp.checks import checked_action
 from irs_gym.mdp.dynamics import (
     ACTIONS,
@@ -60,7 +60,8 @@ class Episode:
         self._cell = world.radio_map.grid.flat(start)
         self._cells = [self._cell]  # flat indices
         self._budget = budget
-        self._spent = float(paid_at_start(world, self._cell))
+        self._start_cost = float(paid_at_start(world, self._cell))
+        self._left = None if budget is None else _less(budget, self._start_cost)
         self._oracle_distance = self.distance_to_go
         self._distance = 0.0
         self._refused = 0
@@ -82,11 +83,6 @@ class Episode:
         none.
         """
         return float(metres_to_go(self.world, self.goal, self._cell, self._left))
-
-    @property
-    def _left(self) -> float | None:
-        """What is left of the budget; None without one."""
-        return None if self._budget is None else float(amount_left(self._budget, self._spent))
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``."""
@@ -125,7 +121,7 @@ class Episode:
             cell=self._cell,
             distance=self._distance,
             budget=self._budget or 0.0,
-            spent=self._spent,
+            budget_left=self._left or 0.0,
             refused=self._refused,
             has_violated=self._has_violated,
             is_running=self.is_running,
@@ -133,7 +129,7 @@ class Episode:
 
     def opening(self) -> tuple[Any, dict[str, Any]]:
         """What a reset returns: the first observation and its info."""
-        return self._observe(), self._info(cost=self._spent)
+        return self._observe(), self._info(cost=self._start_cost)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move once; returns what an environment's step does."""
@@ -167,8 +163,9 @@ class Episode:
         Where the budget is exhausted, it may end, and then it is a failure, at the goal as well.
         """
         rules = self.world.rules
-        self._spent += cost
-        self._has_violated = self._left is not None and self._left < 0
+        assert self._left is not None
+        self._left = _less(self._left, cost)
+        self._has_violated = self._left < 0
         if not self._has_violated or rules.on_exhausted == "continue":
             return reward, is_terminated
 
@@ -220,6 +217,11 @@ class Episode:
         return info
 
 
+def _less(left: float, cost: float) -> float:
+    """What a cost leaves of a budget."""
+    return float(cleared(np.asarray(left - cost)))
+
+
 def option_names(rules: Rules) -> tuple[str, ...]:
     """Options of `reset` that the rules add to start and goal."""
     return () if rules.budget is None else ("budget",)
@@ -267,7 +269,7 @@ def resume(
     ends = grid.cell_at(snapshot.start), grid.cell_at(snapshot.goal)
     budget = None if world.cost is None else snapshot.budget
     episode = Episode(world, *ends, keys, budget)
-    episode._spent = snapshot.spent
+    episode._left = None if budget is None else snapshot.budget_left
     episode._cell = snapshot.cell
     episode._cells = [grid.flat(cell) for cell in path] or [snapshot.cell]
     episode._distance = snapshot.distance

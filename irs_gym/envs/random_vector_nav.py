@@ -221,7 +221,7 @@ class _EpisodeSampler:
             self.worlds.choose(scene_ids[i], each)
             for i, each in zip(chosen.tolist(), rngs, strict=True)
         ]
-        amounts = [None] * len(numbers) if budgets is None else budgets[chosen].tolist()
+        amounts = [None] * len(numbers) if budgets is None else budgets.tolist()
         if given or is_below(amounts, self.rules.least_budget):
             starts, goals = self._given_ends(numbers, given, rngs, amounts)
         else:

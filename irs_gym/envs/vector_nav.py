@@ -251,7 +251,7 @@ class _EpisodeSampler:
         own = start or self.world.start
         grid = self.world.radio_map.grid
         fixed = grid.flat(own)
-        amounts = [None] * len(chosen) if budgets is None else budgets[chosen].tolist()
+        amounts = [None] * len(chosen) if budgets is None else budgets.tolist()
 
         # The world's own ends were checked with its least budget, and cells are drawn among those
         # that reach the goal; others are checked now.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode
-from irs_gym.mdp.budget import amount_left, choose_budget, scaled_amount
+from irs_gym.mdp.budget import choose_budget, cleared, scaled_amount
 from irs_gym.mdp.checks import checked_actions
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
@@ -55,9 +55,12 @@ class VectorEpisodes:
         self._refused = np.zeros(n, dtype=np.int64)
         self._oracle_distance = np.zeros(n)  # metres
         self._has_violated = np.zeros(n, dtype=bool)
-        self._budget = np.zeros(n)  # total cost that it may come to, and what it has come to
-        self._spent = np.zeros(n)
-        self._left: NDArray[np.float64] | None = None  # of the budgets, where there are any
+        # Where there are budgets: the total cost that it may come to, that of its start, and what
+        # is left. The last is another array after every step.
+        has_budget = self._rules.budget is not None
+        self._budget = np.zeros(n)
+        self._start_cost = np.zeros(n)
+        self._left = np.zeros(n) if has_budget else None
         self._nobody = frozen(np.zeros(n, dtype=bool))
         self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
@@ -198,7 +201,7 @@ class VectorEpisodes:
             cell=cell,
             distance=float(self._distance[i]),
             budget=float(self._budget[i]),
-            spent=float(self._spent[i]),
+            budget_left=0.0 if self._left is None else float(self._left[i]),
             # steps that led nowhere, whether or not refusals are counted as they happen
             refused=self._history.steps(i) - (len(path) - 1),
             has_violated=bool(self._has_violated[i]),
@@ -211,30 +214,22 @@ class VectorEpisodes:
 
     def _begin(self, chosen: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Start an episode for the chosen robots."""
-        budget = self._rules.budget
-        budgets = None
-        if budget is not None:
-            asked = options.pop("budget", None)
-            budgets = self._budget.copy()
-            budgets[chosen] = [
-                choose_budget(budget, asked, self._rng_of_budget(i)) for i in chosen.tolist()
-            ]
+        budgets = self._budgets(chosen, options)
 
         # The sampler may take another transition model for this, so it is asked for afterwards.
         self._states = self._sampler.begin(self._states, chosen, options, self._rng, budgets)
         transition_model = self._sampler.transition_model
         begun = self._states[chosen]
-        if budgets is not None:
-            self._budget = budgets
-            self._spent[chosen] = transition_model.cost(begun)
-            self._left = amount_left(self._budget, self._spent)
+        if budgets is not None and self._left is not None:
+            self._budget[chosen] = budgets
+            self._start_cost[chosen] = transition_model.cost(begun)
+            self._left = self._left.copy()
+            self._left[chosen] = cleared(budgets - self._start_cost[chosen])
 
         # what an episode adds up, from nothing
         self._distance[chosen] = 0.0
         self._refused[chosen] = 0
-        self._oracle_distance[chosen] = transition_model.oracle_distance(
-            begun, None if budgets is None else budgets[chosen]
-        )
+        self._oracle_distance[chosen] = transition_model.oracle_distance(begun, budgets)
         self._has_violated[chosen] = False
         self._history.begin(chosen, transition_model.cells(begun), self._clock)
 
@@ -251,16 +246,16 @@ class VectorEpisodes:
         and then it is a failure, at the goal as well.
         """
         assert outcome.cost is not None
-        self._spent += outcome.cost
-        self._left = amount_left(self._budget, self._spent)
+        assert self._left is not None
+        self._left = cleared(self._left - outcome.cost)
         if resumed is not None:  # they have begun, and paid for their start
-            outcome.cost[resumed] = self._spent[resumed]
+            outcome.cost[resumed] = self._start_cost[resumed]
 
         if self._rules.on_exhausted == "continue":
             return outcome
 
         is_exhausted = self._left < 0
-        if not is_exhausted.any():
+        if not np.count_nonzero(is_exhausted):
             return outcome
 
         outcome.reward[outcome.is_at_goal & is_exhausted] -= self._rules.goal_bonus
@@ -314,7 +309,7 @@ class VectorEpisodes:
         if step.is_refused is not None:
             step.is_refused[ended] = False
         if step.cost is not None:
-            step.cost[ended] = self._spent[ended]
+            step.cost[ended] = self._start_cost[ended]
 
         return {
             **self._infos.everywhere(self._step(step.is_refused, step.cost, None)),
@@ -329,9 +324,19 @@ class VectorEpisodes:
 
         return rng
 
-    def _rng_of_budget(self, i: int) -> np.random.Generator | None:
-        """The randomness of environment i, where a budget is drawn."""
-        return self._rng(i) if isinstance(self._rules.budget, tuple) else None
+    def _budgets(
+        self, chosen: NDArray[np.int64], options: dict[str, Any]
+    ) -> NDArray[np.float64] | None:
+        """Budgets of the chosen robots' new episodes, ``(len(chosen),)``; None without any."""
+        budget = self._rules.budget
+        if budget is None:
+            return None
+
+        asked = options.pop("budget", None)
+        if isinstance(budget, tuple) and asked is None:
+            return np.array([choose_budget(budget, None, self._rng(i)) for i in chosen.tolist()])
+
+        return np.full(len(chosen), choose_budget(budget, asked, None))
 
     def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.int64]) -> None:
         """Take the seeds that are not None for the chosen environments."""
@@ -358,9 +363,7 @@ class VectorEpisodes:
 
     def _opening(self) -> Step:
         """As after a step in which nothing happened, but that robots pay for their start."""
-        return self._step(
-            None, self._spent.copy() if self._rules.budget is not None else None, None
-        )
+        return self._step(None, None if self._left is None else self._start_cost.copy(), None)
 
     def _step(
         self,

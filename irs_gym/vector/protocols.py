@@ -97,8 +97,8 @@ class EpisodeSampler(Protocol):
         rng: RngOf,
         budgets: NDArray[np.float64] | None = None,
     ) -> States:
-        """States in which the chosen robots begin anew, with their budgets ``(n,)`` where there are
-        any, and the others stay where they are; in memory of their own.
+        """States in which the chosen robots begin anew, with their budgets ``(len(chosen),)`` where
+        there are any, and the others stay where they are; in memory of their own.
         """
 
     def scene_number(self, states: States, i: int) -> int:

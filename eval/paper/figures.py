@@ -8,12 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Patch, PathPatch, Rectangle
+from matplotlib.path import Path as Outline
 
 from irs_gym import Scene
 from irs_gym.files import write_file
+from irs_gym.radio.scene import Obstacle
+from irs_gym.radio.shapes import PolygonObstacle, PolygonRoom
 
 # Told apart by lightness and dashes alone, so that they survive a grey print.
 LINES: dict[str, dict[str, Any]] = {
@@ -84,15 +88,31 @@ def minus(number: float) -> str:
     return f"{number:g}".replace("-", "\N{MINUS SIGN}")
 
 
+def _outline(shape: Any) -> Outline:
+    """The rings of a ``shapely`` area as one path, each closed."""
+    polygons = shapely.get_parts(shape)
+    rings = [ring for each in polygons for ring in (each.exterior, *each.interiors)]
+    return Outline.make_compound_path(*(Outline(ring.coords[:], closed=True) for ring in rings))
+
+
 def draw_floor(axes: Axes, scene: Scene) -> None:
     """Room, obstacles, access points, panels, start and goal, seen from above."""
     room = scene.room
 
-    for n, box in enumerate(scene.obstacles):
-        corner = box.lower[:2]
-        width, depth, _ = box.size
+    for n, each in enumerate(scene.obstacles):
         label = "obstacle" if n == 0 else None  # once in the legend
-        axes.add_patch(Rectangle(corner, width, depth, zorder=2, label=label, **OBSTACLE))
+        if isinstance(each, Obstacle):
+            width, depth, _ = each.size
+            patch: Patch = Rectangle(
+                each.lower[:2], width, depth, zorder=2, label=label, **OBSTACLE
+            )
+        else:
+            shape = each.shape if isinstance(each, PolygonObstacle) else each.raster.footprint
+            patch = PathPatch(_outline(shape), zorder=2, label=label, **OBSTACLE)
+        axes.add_patch(patch)
+
+    if isinstance(room, PolygonRoom):
+        axes.add_patch(PathPatch(_outline(room.shape), zorder=3, fill=False))
 
     for style, points, label in (
         (ACCESS_POINT, [each.position for each in scene.access_points], "AP"),

@@ -12,18 +12,11 @@ from numpy.typing import NDArray
 from irs_gym.datasets.solved_scene import SolvedScene
 from irs_gym.grid import Cell, Grid, as_cell, checked_point
 from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target, largest_component
+from irs_gym.radio.fields import Point3, Wall
 from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
 from irs_gym.radio.radio_map import RadioMap, build_radio_map
-from irs_gym.radio.scene import (
-    AccessPoint,
-    IrsPanel,
-    Obstacle,
-    Point3,
-    Room,
-    Scene,
-    Wall,
-    load_scene,
-)
+from irs_gym.radio.scene import AccessPoint, IrsPanel, Obstacle, Room, Scene, load_scene
+from irs_gym.radio.shapes import PolygonRoom
 from irs_gym.units import wavelength_m
 
 # Of what is drawn from a seed, and of its map. Whoever changes either makes other scenes of all
@@ -174,7 +167,7 @@ def draw_solved_scene(
     raise ValueError(f"difficulty={difficulty}: none of {FACTORIES} factories has such a task")
 
 
-def least_distance(room: Room) -> float:
+def least_distance(room: Room | PolygonRoom) -> float:
     """Metres that start and goal are apart at least, centre to centre: half the mean of the room's
     sides.
     """
@@ -326,7 +319,7 @@ def _floor(grid: Grid, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
 def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> SolvedScene | None:
     """The factory with a task whose detour is above the one given; None where none was found."""
     radio_map = build_radio_map(factory, CELL_SIZE)
-    floor_cells = _floor(radio_map.grid, factory.obstacles)  # (X, Y)
+    floor_cells = largest_component(radio_map.free)  # (X, Y)
     # the highest target that excludes no cell of the floor
     loosest = float(radio_map.gain_db[floor_cells].min())
     cells = np.argwhere(floor_cells)

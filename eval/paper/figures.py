@@ -16,8 +16,6 @@ from matplotlib.path import Path as Outline
 
 from irs_gym import Scene
 from irs_gym.files import write_file
-from irs_gym.radio.scene import Obstacle
-from irs_gym.radio.shapes import PolygonObstacle, PolygonRoom
 
 # Told apart by lightness and dashes alone, so that they survive a grey print.
 LINES: dict[str, dict[str, Any]] = {
@@ -99,20 +97,23 @@ def draw_floor(axes: Axes, scene: Scene) -> None:
     """Room, obstacles, access points, panels, start and goal, seen from above."""
     room = scene.room
 
-    for n, each in enumerate(scene.obstacles):
-        label = "obstacle" if n == 0 else None  # once in the legend
-        if isinstance(each, Obstacle):
-            width, depth, _ = each.size
-            patch: Patch = Rectangle(
-                each.lower[:2], width, depth, zorder=2, label=label, **OBSTACLE
-            )
-        else:
-            shape = each.shape if isinstance(each, PolygonObstacle) else each.raster.footprint
-            patch = PathPatch(_outline(shape), zorder=2, label=label, **OBSTACLE)
+    boxes = scene.floor.boxes
+    corners = zip(boxes.lower.tolist(), (boxes.upper - boxes.lower).tolist(), strict=True)
+    patches: list[Patch] = [
+        Rectangle((x, y), width, depth, zorder=2, **OBSTACLE)
+        for (x, y, _), (width, depth, _) in corners
+    ]
+    patches += [
+        PathPatch(_outline(shape), zorder=2, **OBSTACLE)
+        for shape in scene.floor.footprints[len(boxes.lower) :]
+    ]
+    for patch in patches:
         axes.add_patch(patch)
+    if patches:
+        patches[0].set_label("obstacle")  # once in the legend
 
-    if isinstance(room, PolygonRoom):
-        axes.add_patch(PathPatch(_outline(room.shape), zorder=3, fill=False))
+    if scene.floor.room is not None:
+        axes.add_patch(PathPatch(_outline(scene.floor.room), zorder=3, fill=False))
 
     for style, points, label in (
         (ACCESS_POINT, [each.position for each in scene.access_points], "AP"),

@@ -84,7 +84,7 @@ def _image(scene: Scene, is_transposed: bool, is_mirrored_x: bool, is_mirrored_y
             )
             update = {"polygon": polygon, "holes": tuple(holes)}
         elif isinstance(part, RasterObstacle):
-            cells = part.raster.is_filled.T if is_transposed else part.raster.is_filled
+            cells = part.is_filled.T if is_transposed else part.is_filled
             steps = (
                 slice(None, None, -1 if is_mirrored_x else 1),
                 slice(None, None, -1 if is_mirrored_y else 1),

@@ -30,10 +30,11 @@ from irs_gym.radio.fields import (
     Point3,
     Wall,
 )
-from irs_gym.radio.floor import Floor
 from irs_gym.radio.geometry import TOUCH, Boxes
+from irs_gym.radio.obstacles.floor import Floor
+from irs_gym.radio.obstacles.prisms import Prisms
+from irs_gym.radio.obstacles.raster import Raster
 from irs_gym.radio.path_loss import PathLoss, PathLossModel, formulas_of
-from irs_gym.radio.prisms import Prisms
 from irs_gym.radio.shapes import PolygonObstacle, PolygonRoom, RasterObstacle
 
 TARGET_DB = -61.8  # the paper's, where nothing else is said
@@ -420,7 +421,11 @@ def _floor_of(room: Room | PolygonRoom, obstacles: tuple[Any, ...]) -> Floor:
     """The obstacles by kind, and the outside of the room."""
     boxes = [each for each in obstacles if isinstance(each, Obstacle)]
     prisms = [each for each in obstacles if isinstance(each, PolygonObstacle)]
-    rasters = tuple(each.raster for each in obstacles if isinstance(each, RasterObstacle))
+    rasters = tuple(
+        Raster(each.is_filled, each.cell_size, each.origin, each.height)
+        for each in obstacles
+        if isinstance(each, RasterObstacle)
+    )
 
     corners = [(box.lower, box.upper) for box in boxes]
     both = np.array(corners, dtype=np.float64).reshape(-1, 2, 3)  # (B, 2, 3), B may be 0

@@ -11,7 +11,6 @@ from pydantic import AfterValidator, Field, model_validator
 
 from irs_gym.radio.fields import Length, Part, Point2, Point3
 from irs_gym.radio.geometry import TOUCH
-from irs_gym.radio.raster import Raster
 
 MOST_CORNERS = 100_000  # of one ring
 MOST_RASTER_CELLS = 2**24
@@ -134,13 +133,12 @@ class RasterObstacle(Part):
         )
 
     @property
-    def raster(self) -> Raster:
-        """The cells as an array."""
+    def is_filled(self) -> NDArray[np.bool_]:
+        """The blocked cells, shape ``(X, Y)``."""
         letters = np.frombuffer("".join(self.rows).encode(), dtype="S1")
         from_top = (letters == BLOCKED.encode()).reshape(len(self.rows), -1)  # (Y, X)
-        is_filled = np.ascontiguousarray(from_top[::-1].T)  # (X, Y)
 
-        return Raster(is_filled, self.cell_size, self.origin, self.height)
+        return np.ascontiguousarray(from_top[::-1].T)
 
 
 class PolygonRoom(_Outline):

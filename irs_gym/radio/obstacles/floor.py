@@ -10,8 +10,8 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.radio.geometry import Boxes, Segments, is_cut, is_in_footprint
-from irs_gym.radio.prisms import Prisms
-from irs_gym.radio.raster import Raster
+from irs_gym.radio.obstacles.prisms import Prisms
+from irs_gym.radio.obstacles.raster import Raster
 from irs_gym.units import Floats
 
 Counts = NDArray[np.int64]

@@ -24,16 +24,40 @@ class Boxes:
     upper: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Points on the floor ``(n, 2)`` in metres, at hand by their x."""
+
+    points: NDArray[np.float64]
+
+    @cached_property
+    def _by_x(self) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        order = np.argsort(self.points[:, 0])
+        return order, self.points[order, 0]
+
+    def within(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Numbers of the points in a rectangle, its border included."""
+        order, x = self._by_x
+        first = np.searchsorted(x, lower[0], side="left")
+        near = order[first : np.searchsorted(x, upper[0], side="right")]
+        y = self.points[near, 1]
+
+        return np.asarray(near[(y >= lower[1]) & (y <= upper[1])])
+
+
 def is_in_footprint(points: NDArray[np.float64], boxes: Boxes) -> NDArray[np.bool_]:
     """Whether points ``(..., 2)`` in metres lie strictly inside the floor area of any box; shape
     ``(...)``.
     """
-    inside = np.zeros(points.shape[:-1], dtype=bool)
+    places = Places(points.reshape(-1, 2))
+    inside = np.zeros(len(places.points), dtype=bool)
 
-    for low, high in zip(boxes.lower, boxes.upper, strict=True):
-        inside |= np.all((points > low[:2] + TOUCH) & (points < high[:2] - TOUCH), axis=-1)
+    for low, high in zip(boxes.lower[:, :2], boxes.upper[:, :2], strict=True):
+        near = places.within(low, high)
+        here = places.points[near]
+        inside[near] |= np.all((here > low + TOUCH) & (here < high - TOUCH), axis=-1)
 
-    return inside
+    return inside.reshape(points.shape[:-1])
 
 
 def is_line_of_sight(

@@ -255,8 +255,9 @@ class Scene(Part):
         room = self.room
         mistakes = []
 
-        for n, each in enumerate(self.obstacles):
-            if not _room_holds(room, each):
+        for n, is_inside in enumerate(_are_inside(room, self.obstacles)):
+            if not is_inside:
+                each = self.obstacles[n]
                 mistakes.append(
                     f"obstacles[{n}] reaches from {each.lower} to {each.upper}, outside the room"
                 )
@@ -416,7 +417,7 @@ class Scene(Part):
 
 
 # Scenes that differ in other fields share one; a map asks for it once a block and antenna.
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)
 def _floor_of(room: Room | PolygonRoom, obstacles: tuple[Any, ...]) -> Floor:
     """The obstacles by kind, and the outside of the room."""
     boxes = [each for each in obstacles if isinstance(each, Obstacle)]
@@ -438,27 +439,30 @@ def _floor_of(room: Room | PolygonRoom, obstacles: tuple[Any, ...]) -> Floor:
     )
 
 
-def _room_holds(
-    room: Room | PolygonRoom, part: Obstacle | PolygonObstacle | RasterObstacle
-) -> bool:
-    """Whether an obstacle lies in the room, or flush with its walls."""
+def _are_inside(room: Room | PolygonRoom, obstacles: tuple[AnyObstacle, ...]) -> list[bool]:
+    """Whether each obstacle lies in the room, or flush with its walls.
+
+    Of a raster in a polygon, what is outside counts for nothing: it need only meet the room.
+    """
     if isinstance(room, Room):
-        return room.holds(part.lower) and room.holds(part.upper)
-    if not 0 < part.upper[2] <= room.height + TOUCH:
-        return False
+        return [room.holds(each.lower) and room.holds(each.upper) for each in obstacles]
 
-    # of a raster, what is outside of the room counts for nothing
-    if isinstance(part, RasterObstacle):
-        lower = part.lower
-        upper = part.upper
-        return bool(room.shape.intersects(shapely.box(*lower[:2], *upper[:2])))
+    grown = room.shape.buffer(TOUCH, join_style="mitre")
+    shapely.prepare(grown)
+    fits = []
 
-    shape = (
-        part.shape
-        if isinstance(part, PolygonObstacle)
-        else shapely.box(*part.lower[:2], *part.upper[:2])
-    )
-    return bool(room.shape.buffer(TOUCH, join_style="mitre").covers(shape))
+    for each in obstacles:
+        shape = (
+            each.shape
+            if isinstance(each, PolygonObstacle)
+            else shapely.box(*each.lower[:2], *each.upper[:2])
+        )
+        is_inside = (
+            grown.intersects(shape) if isinstance(each, RasterObstacle) else grown.covers(shape)
+        )
+        fits.append(bool(is_inside) and each.upper[2] <= room.height + TOUCH)
+
+    return fits
 
 
 def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:

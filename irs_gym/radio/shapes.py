@@ -2,6 +2,7 @@
 rasters.
 """
 
+from functools import lru_cache
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -54,7 +55,13 @@ class _Outline(Part):
     @property
     def shape(self) -> Any:
         """The floor that it takes, as a ``shapely.Polygon``."""
-        return shapely.Polygon(self.polygon, self.holes)
+        return _area(self.polygon, self.holes)
+
+
+# Not a property that the part keeps: a copy with another polygon would keep it as well.
+@lru_cache(maxsize=1024)
+def _area(polygon: tuple[Point2, ...], holes: tuple[tuple[Point2, ...], ...]) -> Any:
+    return shapely.Polygon(polygon, holes)
 
 
 class PolygonObstacle(_Outline):

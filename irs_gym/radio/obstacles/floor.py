@@ -97,11 +97,13 @@ class Floor:
             for n, polygon in enumerate(prisms.polygons):
                 bounds = shapely.bounds(polygon)
                 which = near(bounds[:2], bounds[2:])
-                counts[which] += prisms.crossings(n, segments, which)
+                counts[which] += prisms.crossings(n, segments, which, at_most_one=at_most_one)
 
         for raster in self.rasters:
             lower = np.array(raster.origin)
             which = near(lower, lower + raster.cell_size * np.array(raster.is_filled.shape))
-            counts[which] += raster.crossings(Segments(segments.start[which], segments.end))
+            counts[which] += raster.crossings(
+                Segments(segments.start[which], segments.end), at_most_one=at_most_one
+            )
 
         return counts.reshape(points.shape[:-1])

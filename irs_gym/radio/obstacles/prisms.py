@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from irs_gym.radio.geometry import TOUCH, Segments
+from irs_gym.radio.geometry import TOUCH, Places, Segments
 from irs_gym.units import Floats
 
 Counts = NDArray[np.int64]
@@ -39,22 +39,38 @@ class Prisms:
         shapely.prepare(insides)
         return np.asarray(insides)
 
+    @cached_property
+    def _is_convex(self) -> NDArray[np.bool_]:
+        """Whether no line cuts a polygon twice."""
+        hulls = shapely.convex_hull(self._insides)
+        return np.asarray(shapely.area(hulls) <= shapely.area(self._insides) * (1 + 1e-12))
+
     def holds(self, points: Floats) -> NDArray[np.bool_]:
         """Whether points ``(..., 2)`` in metres lie strictly inside any; shape ``(...)``."""
-        inside = np.zeros(points.shape[:-1], dtype=bool)
-        for each in self._insides:
-            inside |= shapely.intersects_xy(each, points[..., 0], points[..., 1])
+        places = Places(points.reshape(-1, 2))
+        inside = np.zeros(len(places.points), dtype=bool)
 
-        return inside
+        for each, bounds in zip(self._insides, shapely.bounds(self._insides), strict=True):
+            near = places.within(bounds[:2], bounds[2:])
+            inside[near] |= shapely.intersects_xy(each, *places.points[near].T)
 
-    def crossings(self, n: int, segments: Segments, which: NDArray[np.intp]) -> Counts:
-        """How often each of m segments runs through the prism of that number, shape ``(m,)``."""
+        return inside.reshape(points.shape[:-1])
+
+    def crossings(
+        self, n: int, segments: Segments, which: NDArray[np.intp], *, at_most_one: bool
+    ) -> Counts:
+        """How often each of m segments runs through the prism of that number, shape ``(m,)``; or
+        whether it does, where one time is as good as many.
+        """
         counts = np.zeros(len(which), dtype=np.int64)
-        low, below, high = Segments(segments.start[which], segments.end).clipped(self.heights[n])
-        lines = shapely.linestrings(np.stack([below, high], axis=1))  # (m, 2, 2)
-        inside = self._insides[n]
-        hit = np.flatnonzero(shapely.intersects(inside, lines))
-        pieces = shapely.intersection(inside, lines[hit])
-        counts[low[hit]] = np.maximum(1, shapely.get_num_geometries(pieces))
+        numbers, low, high = Segments(segments.start[which], segments.end).clipped(self.heights[n])
+        lines = shapely.linestrings(np.stack([low, high], axis=1))  # (k, 2, 2)
+        is_hit = shapely.intersects(self._insides[n], lines)
+        counts[numbers] = is_hit
+        if at_most_one or self._is_convex[n]:
+            return counts
+
+        pieces = shapely.intersection(self._insides[n], lines[is_hit])
+        counts[numbers[is_hit]] = shapely.get_num_geometries(pieces)
 
         return counts

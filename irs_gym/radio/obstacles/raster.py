@@ -10,10 +10,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from irs_gym.memory import check_memory
 from irs_gym.radio.geometry import TOUCH, Segments
 from irs_gym.units import Floats
 
 Counts = NDArray[np.int64]
+
+_COLUMNS_BETWEEN = 8
+_RUN_BYTES = 4000  # for each rectangle that is joined with others
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +49,16 @@ class Raster:
     @cached_property
     def footprint(self) -> Any:
         """The blocked cells as one ``shapely`` area."""
-        low = np.argwhere(self.is_filled) * self.cell_size + self.origin  # (n, 2)
-        cells = shapely.box(*low.T, *(low + self.cell_size).T)
-        return shapely.union_all(cells)
+        # cells in a row along y as one rectangle: (X, Y + 1) with 1 where one begins, -1 after it
+        edges = np.diff(np.pad(self.is_filled.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+        first = np.argwhere(edges == 1)  # (n, 2)
+        after = np.argwhere(edges == -1) + np.array([1, 0])  # (n, 2)
+        columns, rows = self.is_filled.shape
+        check_memory(f"rows: the outline of {columns} x {rows} cells", _RUN_BYTES * len(first))
+        low = first * self.cell_size + self.origin
+        high = after * self.cell_size + self.origin
+
+        return shapely.union_all(shapely.box(*low.T, *high.T))
 
     def holds(self, points: Floats) -> NDArray[np.bool_]:
         """Whether points ``(..., 2)`` in metres lie strictly inside; shape ``(...)``."""
@@ -72,8 +83,9 @@ class Raster:
         blocked = self.is_filled[i.clip(0, columns - 1), j.clip(0, rows - 1)]
         return np.asarray(is_inside & blocked)
 
-    def crossings(self, segments: Segments) -> Counts:
-        """How often each of n segments runs through blocked cells, shape ``(n,)``.
+    def crossings(self, segments: Segments, *, at_most_one: bool) -> Counts:
+        """How often each of n segments runs through blocked cells, shape ``(n,)``; or any number
+        above 0 where it does, where one time is as good as many.
 
         Column by column of cells: what a segment crosses of one is a run of cells from its lowest
         to its highest there.
@@ -94,40 +106,52 @@ class Raster:
         is_upright = last[:, 0] - first[:, 0] <= 2 * self.touch
         lying = np.flatnonzero(~is_upright)
         upright = np.flatnonzero(is_upright)
-        counts[which[lying]] = _lying(first[lying], last[lying], is_filled, self.touch)
+        counts[which[lying]] = _lying(
+            first[lying], last[lying], is_filled, self.touch, at_most_one=at_most_one
+        )
         counts[which[upright]] = _upright(first[upright], last[upright], is_filled, self.touch)
 
         return counts
 
 
-def _lying(first: Floats, last: Floats, is_filled: NDArray[np.bool_], touch: float) -> Counts:
+def _lying(
+    first: Floats, last: Floats, is_filled: NDArray[np.bool_], touch: float, *, at_most_one: bool
+) -> Counts:
     """Runs of blocked cells on segments ``(n, 2)`` in cells, none along y."""
     counts = np.zeros(len(first), dtype=np.int64)
-    if not len(first):
-        return counts
+    which = np.argsort(first[:, 0])  # from here on in the order in which they begin
+    first = first[which]
+    last = last[which]
 
-    span = last - first  # (n, 2)
-    for i in np.flatnonzero(is_filled.any(axis=1)):
-        begin = np.maximum(first[:, 0], i)
-        end = np.minimum(last[:, 0], i + 1)
+    for n, i in enumerate(np.flatnonzero(is_filled.any(axis=1))):
+        # now and then, those that have ended are left out, and those that are known to be blocked
+        if n % _COLUMNS_BETWEEN == 0:
+            is_open = (last[:, 0] > i) & ~(at_most_one & (counts[which] > 0))
+            which = which[is_open]
+            first = first[is_open]
+            last = last[is_open]
+
+        begun = int(np.searchsorted(first[:, 0], i + 1))
+        begin = np.maximum(first[:begun, 0], i)
+        end = np.minimum(last[:begun, 0], i + 1)
         here = np.flatnonzero(end - begin > touch)
         if not len(here):
             continue
 
+        # where the piece in this column begins and ends along y
         x, y = first[here].T
-        along_x, along_y = span[here].T
+        along_x, along_y = (last[here] - first[here]).T
         at_begin = y + (begin[here] - x) / along_x * along_y
         at_end = y + (end[here] - x) / along_x * along_y
         column = is_filled[i]
-        counts[here] += _runs(
-            column, np.minimum(at_begin, at_end), np.maximum(at_begin, at_end), touch
-        )
+        runs = _runs(column, np.minimum(at_begin, at_end), np.maximum(at_begin, at_end), touch)
 
         # a run that began in the column before is one with that
-        if i > 0:
-            both = column & is_filled[i - 1]
+        if i > 0 and not at_most_one:
             is_across = (begin[here] == i) & (x < i - touch)
-            counts[here] -= is_across & _is_inside(both, at_begin, touch)
+            runs -= is_across & _is_inside(column & is_filled[i - 1], at_begin, touch)
+
+        counts[which[here]] += runs
 
     return counts
 

@@ -286,8 +286,8 @@ def build_radio_map(
     -------
     RadioMap
         With ``gain_db`` of shape ``(X, Y)``, -inf in cells whose centre lies strictly inside an
-        obstacle. With several access points, each cell is served by the one that gives it the
-        highest gain.
+        obstacle, or outside a room that is a polygon. With several access points, each cell is
+        served by the one that gives it the highest gain.
 
     Raises
     ------
@@ -454,7 +454,7 @@ def _check_work(model: RadioModel, *, needs_shifts: bool) -> None:
         f"cell_size={grid.cell_size}: {links} links past {len(scene.obstacles)} obstacles "
         f"to each of {cells} cells",
         0,
-        cells * links * (1 + len(scene.obstacles)) * _LINK_BYTES,
+        cells * links * (1 + scene.floor.tests) * _LINK_BYTES,
     )
 
 

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 from irs_gym.radio.fields import Length, Part, Point2, Point3
 from irs_gym.radio.geometry import TOUCH
 
-MOST_CORNERS = 100_000  # of one ring
+MOST_CORNERS = 10_000  # of one ring
 MOST_RASTER_CELLS = 2**24
 BLOCKED = "#"
 FREE = "."

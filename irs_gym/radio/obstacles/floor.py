@@ -45,6 +45,13 @@ class Floor:
 
         return Prisms(parts, [np.inf] * len(parts))
 
+    @property
+    def tests(self) -> int:
+        """How many boxes, prisms and columns of cells a segment is held against at most."""
+        columns: list[int] = [min(raster.is_filled.shape) for raster in self.rasters]
+        prisms = len(self.prisms.polygons) + len(self._outside.polygons)
+        return len(self.boxes.lower) + prisms + sum(columns)
+
     @cached_property
     def footprints(self) -> tuple[Any, ...]:
         """The floor that each obstacle takes, as ``shapely`` areas: boxes, prisms, then rasters."""

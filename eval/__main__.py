@@ -19,6 +19,7 @@ COMMANDS = {
         "tell where a discount makes another path than the shortest the best, "
         "and write docs/shaping.md"
     ),
+    "scenes": "draw the scenes of the package and write docs/scenes.md",
     "generalisation": (
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
     ),

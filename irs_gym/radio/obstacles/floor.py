@@ -60,6 +60,22 @@ class Floor:
 
         return (*boxes, *self.prisms.polygons, *rasters)
 
+    def outlines(self, most_cells: int) -> tuple[Floats, ...]:
+        """The sides of all obstacles, and of a room that is a polygon, as closed lines ``(n, 2)``;
+        those of rasters of so many blocked cells at most.
+        """
+        shapes = [self.room] if self.room is not None else []
+        shapes += [*shapely.box(*self.boxes.lower[:, :2].T, *self.boxes.upper[:, :2].T)]
+        shapes += self.prisms.polygons
+        shapes += [
+            raster.footprint for raster in self.rasters if raster.is_filled.sum() <= most_cells
+        ]
+
+        polygons = shapely.get_parts(shapes)
+        rings = shapely.get_rings(polygons)
+
+        return tuple(shapely.get_coordinates(ring) for ring in rings)
+
     def is_covered(self, points: Floats) -> NDArray[np.bool_]:
         """Whether points ``(..., 2)`` in metres lie strictly inside an obstacle, or outside the
         room; shape ``(...)``.

@@ -49,6 +49,20 @@ def test_walls_divide_the_floor_into_as_many_rooms_as_asked_for_or_fewer_where_n
     assert any(len(walls) >= rooms - 1 > 5 for _, rooms, walls, _ in PLANS)
 
 
+def test_what_is_next_to_a_wall_on_its_line_is_a_door_of_its_own_or_another_wall():
+    for room, _, walls, floor in PLANS:
+        for wall in walls:
+            axis = int(wall.size[0] > wall.size[1])
+            at = round((wall.center[axis] - room.lower[axis]) / CELL_SIZE - 0.5)
+            line = np.take(floor, at, axis)  # (n,), of cells on the wall's line
+            middle = (wall.center[1 - axis] - room.lower[1 - axis]) / CELL_SIZE
+            half = wall.size[1 - axis] / CELL_SIZE / 2
+            after, before = line[round(middle + half) :], line[: round(middle - half)][::-1]
+            for beside in (after, before):
+                free = len(beside) if beside.all() else int(np.argmin(beside))
+                assert free <= 3
+
+
 def test_one_room_has_no_walls():
     room = Room(x_min=0, x_max=20, y_min=0, y_max=20, height=3)
     assert draw_walls(np.random.default_rng(0), room, 1, CELL_SIZE) == ()

@@ -142,7 +142,8 @@ def _pretrained_section(found: Mapping[str, Any] | None) -> str:
         for each in found["rows"]
     ]
 
-    return template_sections("rooms.md")["Rooms with doors"].format(
+    section = template_sections("rooms.md")["Rooms with doors"].strip()
+    return section.format(
         set=found["set"], scenes=found["scenes"], hard=found["hard"], rows=table(header, rows)
     )
 

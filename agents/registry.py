@@ -97,7 +97,7 @@ ALGORITHMS: dict[str, Row] = {
             "random_start": 0.7,
             "target_db": -60.0,
             "constraint": "budget",
-            "budget": 13.0,
+            "budget": (0.0, 26.0),
             "on_exhausted": "continue",
         },
         training={"stop_at_optimum": False},  # its policies are random, and the oracle's paths not

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy, takes_masks
-from irs_gym.mdp.budget import range_of
 from irs_gym.mdp.metrics import distance_ratio, soft_spl
 from irs_gym.mdp.task import Task
 
@@ -77,7 +76,7 @@ def arguments_of(task: Any) -> dict[str, Any]:
 
 def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
     """The environment that policies are tested in: the task's, from its fixed start, and with the
-    largest budget.
+    least budget, which is the hardest to keep.
 
     Raises
     ------
@@ -86,8 +85,7 @@ def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
     ValueError
         Where it cannot be made; an infeasible target included.
     """
-    budget = None if task.budget is None else range_of(task.budget)[1]
-    tested = replace(task, random_start=False, budget=budget)
+    tested = replace(task, random_start=False, budget=task.rules.least_budget)
 
     return gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(tested))
 

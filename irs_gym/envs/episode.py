@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell, as_cell
 from irs_gym.mdp.action_values import optimal_q
-from irs_gym.mdp.budget import amount_left, choose_budget, range_of, scaled_amount
+from irs_gym.mdp.budget import amount_left, choose_budget, scaled_amount
 from irs_gym.mdp.checks import checked_action
 from irs_gym.mdp.dynamics import (
     ACTIONS,
@@ -176,10 +176,8 @@ class Episode:
 
     def _observe(self) -> Any:
         observation = self.observer.observe(self._cell)
-        budget = self.world.rules.budget
-        if budget is not None and self._left is not None:
-            _, largest = range_of(budget)
-            self.observer.packing.set_budget(observation, scaled_amount(self._left, largest))
+        if self._left is not None:
+            self.observer.packing.set_budget(observation, scaled_amount(self._left))
 
         return observation
 

@@ -56,7 +56,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     image (4, X, Y), channels first: margin, obstacle, robot, goal. ``observation="cell"`` is
     ``Discrete(X * Y)``: the robot's cell (i, j) in the room as i * Y + j, for tables.
 
-    ``constraint="budget"`` adds what is left of the budget, over the largest one: the key
+    ``constraint="budget"`` adds what is left of the budget, as left / (1 + abs(left)): the key
     ``budget`` (1,) of the Dict, the first number of the Box, a fifth channel of the image.
 
     ## Rewards

@@ -57,7 +57,7 @@ def choose_budget(budget: Budget, asked: Any, rng: np.random.Generator | None) -
     """The budget of an episode: what is asked for, else the one there is, else one drawn from the
     range, all equally likely.
 
-    Raises ``ValueError`` where more is asked for than there is, as an agent could not see it.
+    Raises ``ValueError`` where more is asked for than the largest, up to which optima are known.
     """
     low, high = range_of(budget)
     if asked is not None:
@@ -82,10 +82,10 @@ def payable(cost: Floats) -> Floats:
     Examples
     --------
     >>> a, b, c = 0.1, 0.2, 0.3
-    >>> (a + b) + c == a + (b + c)
+    >>> a + b + c == c + b + a
     False
     >>> a, b, c = payable(np.array([a, b, c]))
-    >>> bool((a + b) + c == a + (b + c)), abs(a - 0.1) < 1e-11
+    >>> bool(a + b + c == c + b + a), bool(abs(a - 0.1) < 1e-11)
     (True, True)
     """
     return np.asarray(np.rint(cost / _UNIT) * _UNIT)
@@ -104,17 +104,15 @@ def amount_left(budget: ArrayLike, spent: ArrayLike) -> Floats:
     return np.where(is_rounding, 0.0, left) if is_rounding.any() else np.asarray(left)
 
 
-def scaled_amount(left: ArrayLike, largest: float) -> NDArray[np.float32]:
-    """What an agent sees of an amount: its share of the largest budget, -1 at the least.
+def scaled_amount(left: ArrayLike) -> NDArray[np.float32]:
+    """What an agent sees of what is left of a budget: left / (1 + abs(left)), from -1 to 1.
 
-    Where no budget is larger than 0, it is 0 until that is exhausted.
+    It is 0 where nothing is left, below where more was spent, and tells small amounts apart best.
 
     Examples
     --------
-    >>> scaled_amount([26.0, 13.0, -1.0], largest=26.0).tolist()
-    [1.0, 0.5, -0.03846153989434242]
-    >>> scaled_amount([0.0, -1.0], largest=0.0).tolist()
-    [0.0, -1.0]
+    >>> scaled_amount([0.0, 1.0, 3.0, -1.0, -np.inf]).tolist()
+    [0.0, 0.5, 0.75, -0.5, -1.0]
     """
-    share = np.asarray(left) / largest if largest else np.sign(left)
-    return np.asarray(np.maximum(share, -1.0), dtype=np.float32)
+    left = np.maximum(left, -1e30)  # minus infinity as well is -1
+    return np.asarray(left / (1.0 + np.abs(left)), dtype=np.float32)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode
-from irs_gym.mdp.budget import amount_left, choose_budget, range_of, scaled_amount
+from irs_gym.mdp.budget import amount_left, choose_budget, scaled_amount
 from irs_gym.mdp.checks import checked_actions
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
@@ -354,9 +354,7 @@ class VectorEpisodes:
 
     def _show_budget(self, observation: Any, left: NDArray[np.float64]) -> None:
         """Write what is left of budgets ``(n,)`` into observations."""
-        assert self._rules.budget is not None
-        _, largest = range_of(self._rules.budget)
-        self._sampler.packing.set_budget(observation, scaled_amount(left, largest))
+        self._sampler.packing.set_budget(observation, scaled_amount(left))
 
     def _opening(self) -> Step:
         """As after a step in which nothing happened, but that robots pay for their start."""

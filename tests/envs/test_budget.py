@@ -16,6 +16,7 @@ from tiny_pool import tiny_pool
 
 import irs_gym
 from irs_gym.grid import MOVE_LENGTHS, MOVES
+from irs_gym.mdp.budget import scaled_amount
 from irs_gym.mdp.packing import Packing
 from irs_gym.radio.radio_map import RadioMap
 
@@ -179,9 +180,8 @@ def test_each_step_pays_for_the_cell_it_ends_in_refused_ones_too():
     steps = follow(env, [EAST, NORTH, EAST, WEST])
     assert [step[-1]["cost"] for step in steps] == [1.0, 1.0, 2.0, 1.0]
     assert [step[-1]["budget_left"] for step in steps] == [9.0, 8.0, 6.0, 5.0]
-    assert [step[0]["budget"].tolist() for step in steps] == [
-        [np.float32(b)] for b in (0.9, 0.8, 0.6, 0.5)
-    ]
+    shares = [step[0]["budget"].tolist() for step in steps]
+    assert shares == [[np.float32(left / (1 + left))] for left in (9, 8, 6, 5)]
 
 
 def test_the_start_is_paid_for():
@@ -259,7 +259,7 @@ def test_every_kind_of_observation_tells_what_is_left(env_id, kind):
         check_env(env.unwrapped, skip_render_check=True)
 
     observation, info = env.reset(seed=3, options={"budget": 4})
-    share = np.float32(info["budget_left"] / 8)
+    share = scaled_amount(info["budget_left"])
     packing = Packing.of(observation, env.unwrapped.radio_map.grid.shape, 1, has_budget=True)
     assert packing.space == env.observation_space
     if kind == "map":
@@ -277,7 +277,7 @@ def test_a_flat_observation_is_the_flattened_dict():
     one, _ = as_dict.reset()
     other, _ = as_flat.reset()
     np.testing.assert_array_equal(flatten(as_dict.observation_space, one), other)
-    assert other[0] == 1.0
+    assert other[0] == np.float32(2 / 3)
 
 
 def test_stable_baselines_finds_no_fault():

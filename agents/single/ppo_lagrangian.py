@@ -39,7 +39,7 @@ class PpoLagrangianConfig(PpoConfig):
         super().__post_init__()
         check_settings(self, "weight", "multiplier")
         check_settings(self, "positive", "multiplier_rate")
-        check_settings(self, "share", "spread")
+        check_settings(self, "weight", "spread")
 
 
 class PpoLagrangian(PPO):
@@ -54,8 +54,8 @@ class PpoLagrangian(PPO):
     The optimum is a mixture of paths, and at its multiplier all of them are worth the same: a
     policy then swings from one to the next. So where the budget is a range, of which each episode
     draws its own and sees it, that draw makes the mixture: episodes are charged lambda (1 + spread
-    (1 - 2 u)), u from 0 at the least budget to 1 at the largest, lambda on average. The expected
-    cost is then continuous in lambda.
+    (1 - 2 u)), or nothing where that is negative, u from 0 at the least budget to 1 at the largest.
+    The expected cost is then continuous in lambda.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class PricedVecEnv(VecEnvWrapper):
         """Move every robot once."""
         observation, rewards, dones, infos = self.venv.step_wait()
         costs = np.array([info["cost"] for info in infos]) + self._unpaid  # (n,)
-        prices = self._multiplier * (1.0 + self._spread * self._rank)  # (n,)
+        prices = self._multiplier * np.maximum(1.0 + self._spread * self._rank, 0.0)  # (n,)
         self._total += costs
 
         # those that have ended begin anew, in the same step

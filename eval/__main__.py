@@ -21,6 +21,7 @@ COMMANDS = {
         "tell where a discount makes another path than the shortest the best, "
         "and write docs/shaping.md"
     ),
+    "scenes": "draw the scenes of the package and write docs/scenes.md",
     "codebook": (
         "compute how few configurations of the panel make the best path, and write docs/codebook.md"
     ),

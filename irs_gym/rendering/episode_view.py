@@ -9,6 +9,8 @@ from irs_gym.mdp.dynamics import oracle_path
 from irs_gym.mdp.task import World
 from irs_gym.rendering import View, draw_frame, text_frame
 
+MOST_OUTLINED = 10_000  # cells of a raster: the outline of a larger one would be a thicket
+
 RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {
     "rgb_array": draw_frame,
     "ansi": text_frame,
@@ -29,5 +31,10 @@ def view_of(world: World, start: Cell, goal: Cell, budget: float | None = None) 
         start=start,
         goal=goal,
         free=radio_map.free,
+        outlines=scene.floor.outlines(MOST_OUTLINED) if scene and scene.format_version > 1 else (),
+        panel_angles=tuple(
+            None if isinstance(each.wall, str) else each.wall
+            for each in (scene.irs_panels if scene else ())
+        ),
         oracle_cells=oracle_path(world, start, goal, budget).cells,
     )

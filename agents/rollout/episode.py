@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy, takes_masks
+from irs_gym.mdp.budget import OnExhausted
 from irs_gym.mdp.metrics import distance_ratio, soft_spl
 from irs_gym.mdp.task import Task
 
@@ -75,8 +76,9 @@ def arguments_of(task: Any) -> dict[str, Any]:
 
 
 def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
-    """The environment that policies are tested in: the task's, from its fixed start, and with the
-    least budget, which is the hardest to keep.
+    """The environment that policies are tested in: the task's, from its fixed start, with the
+    least budget, which is the hardest to keep, and where a step that it cannot pay ends the episode
+    though such steps may have been refused in training.
 
     Raises
     ------
@@ -85,7 +87,13 @@ def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
     ValueError
         Where it cannot be made; an infeasible target included.
     """
-    tested = replace(task, random_start=False, budget=task.rules.least_budget)
+    on_exhausted: OnExhausted = "continue" if task.on_exhausted == "continue" else "terminate"
+    tested = replace(
+        task,
+        random_start=False,
+        budget=task.rules.least_budget,
+        on_exhausted=on_exhausted,
+    )
 
     return gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(tested))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell, as_cell
 from irs_gym.mdp.action_values import optimal_q
-from irs_gym.mdp.budget import choose_budget, cleared, scaled_amount
+from irs_gym.mdp.budget import can_pay, choose_budget, cleared, scaled_amount
 from irs_gym.mdp.checks import checked_action
 from irs_gym.mdp.dynamics import (
     ACTIONS,
@@ -19,6 +19,7 @@ from irs_gym.mdp.dynamics import (
     optimal_moves_within,
     oracle_path,
     paid_at_start,
+    refused_reward,
     tables_for,
     transition_table,
 )
@@ -30,6 +31,8 @@ from irs_gym.mdp.task import Rules, World
 from irs_gym.oracle.shortest_path import Path, flat_cell, optimal_moves
 from irs_gym.rendering.episode_view import RENDERERS, view_of
 from irs_gym.vector.infos import BUDGET_VALUES, KEYS
+
+_COST = Transition._fields.index("cost")
 
 
 class Episode:
@@ -86,7 +89,7 @@ class Episode:
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``."""
-        return np.asarray(self.tables.action_mask[self._cell], dtype=bool)
+        return self._mask().astype(bool)
 
     def optimal_actions(self, cell: Any = None) -> NDArray[np.int64]:
         """See `irs_gym.envs.nav.IrsNavEnv.optimal_actions`."""
@@ -140,6 +143,9 @@ class Episode:
 
         entry = self._cell * ACTIONS + checked_action(action)
         outcome: Any = self.tables.transition.item(entry)
+        if self._cannot_pay(outcome[_COST]):
+            outcome = self._refused_outcome(action)
+
         next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = outcome
         self._cells.append(next_cell)
         self._cell = next_cell
@@ -154,6 +160,28 @@ class Episode:
         info = self._info(is_refused, cost, is_at_goal and not self._has_violated)
 
         return self._observe(), reward, is_terminated, False, info
+
+    def _cannot_pay(self, cost: float) -> bool:
+        """Whether a step is refused, since the budget cannot pay it."""
+        if self._left is None or self.world.rules.on_exhausted != "refuse":
+            return False
+        return not can_pay(self._left, cost)
+
+    def _refused_outcome(self, action: Any) -> tuple[Any, ...]:
+        """The transition of a move that the budget refuses: the robot stays, and pays nothing."""
+        cell_size = self.world.radio_map.grid.cell_size
+        reward = float(refused_reward(self.world.rules, int(action), cell_size))
+
+        return self._cell, reward, 0.0, True, 0.0, False, False
+
+    def _mask(self) -> NDArray[np.int8]:
+        """1 where an action is not refused, ``(8,)``; in memory of its own."""
+        mask: NDArray[np.int8] = self.tables.action_mask[self._cell].copy()
+        if self._left is not None and self.world.rules.on_exhausted == "refuse":
+            entries = self._cell * ACTIONS + np.arange(ACTIONS)
+            mask &= can_pay(self._left, self.tables.transition["cost"].take(entries))
+
+        return mask
 
     def _pay(
         self, cost: float, reward: float, is_terminated: bool, is_at_goal: bool
@@ -175,6 +203,7 @@ class Episode:
         observation = self.observer.observe(self._cell)
         if self._left is not None:
             self.observer.packing.set_budget(observation, scaled_amount(self._left))
+            self.observer.packing.set_mask(observation, self._mask())
 
         return observation
 
@@ -200,7 +229,7 @@ class Episode:
             "distance_to_go": distance_to_go,
             "gain_db": gain_db,
             "margin_db": margin_db,
-            "action_mask": self.tables.action_mask[self._cell].copy(),
+            "action_mask": self._mask(),
             "is_refused": is_refused,
             "cost": cost,
             "is_success": is_success,

@@ -196,6 +196,7 @@ class _EpisodeSampler:
         self.packing = self.transition_model.packing
         self.is_violable = worlds.task.constraint == "allow"
         self.rules = worlds.task.rules
+        self.cell_size = worlds.pool.cell_size
         self.map_shape = self.transition_model.shape
 
     def begin(

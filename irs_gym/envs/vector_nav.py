@@ -208,6 +208,7 @@ class _EpisodeSampler:
         self.is_random = bool(world.rules.random_start)
         self.is_violable = world.rules.constraint == "allow"
         self.rules = world.rules
+        self.cell_size = world.radio_map.grid.cell_size
         self.map_shape = world.radio_map.grid.shape
         self._goals: list[Cell] = [world.goal] * num_envs
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 Budget = float | tuple[float, float]  # one for all episodes, or the range each is drawn from
-OnExhausted = Literal["terminate", "continue"]
+OnExhausted = Literal["terminate", "continue", "refuse"]
 
 # A robot may overdraw by this much: what a user hands over may be a sum in another order.
 SLACK = 1e-9
@@ -108,6 +108,17 @@ def cleared(left: Floats) -> Floats:
         return left
 
     return np.where(is_overdrawn & (left >= -SLACK), 0.0, left)
+
+
+def can_pay(left: ArrayLike, cost: ArrayLike) -> NDArray[np.bool_]:
+    """Whether what is left of budgets covers costs; both broadcast to one shape.
+
+    Examples
+    --------
+    >>> can_pay(1.0, [0.5, 1.0 + 1e-12, 1.5]).tolist()
+    [True, True, False]
+    """
+    return np.asarray(np.subtract(left, cost) >= -SLACK)
 
 
 def scaled_amount(left: ArrayLike) -> NDArray[np.float32]:

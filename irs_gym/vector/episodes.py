@@ -1,6 +1,6 @@
 """`VectorEpisodes`: the episodes of n robots with autoreset, for all vector environments."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode
-from irs_gym.mdp.budget import choose_budget, cleared, scaled_amount
+from irs_gym.mdp.budget import can_pay, choose_budget, cleared, scaled_amount
 from irs_gym.mdp.checks import checked_actions
+from irs_gym.mdp.dynamics import refused_reward
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
@@ -115,6 +116,8 @@ class VectorEpisodes:
 
         before = self._states  # (n,)
         outcome = self._sampler.transition_model.move(before, checked)
+        if self._rules.on_exhausted == "refuse":
+            self._refuse_unpaid(before, checked, outcome)
         if resumed is not None:
             outcome.clear(resumed, before[resumed])
         if self._rules.budget is not None:
@@ -173,7 +176,8 @@ class VectorEpisodes:
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``."""
-        return self._sampler.transition_model.action_mask(self._states).astype(bool)
+        model = self._sampler.transition_model
+        return model.action_mask(self._states, self._left).astype(bool)
 
     def render(self, mode: str | None) -> tuple[Any, ...] | None:
         """A picture or text for each robot; None without a mode."""
@@ -241,6 +245,17 @@ class VectorEpisodes:
         self._deadline[chosen] = self._clock + self.max_episode_steps
         self._first_deadline = int(self._deadline.min())
 
+    def _refuse_unpaid(
+        self, before: NDArray[np.int64], actions: NDArray[np.int64], outcome: Outcome
+    ) -> None:
+        """Take back the steps that the budgets cannot pay; nothing is paid for them."""
+        assert outcome.cost is not None
+        assert self._left is not None
+        unpaid = np.flatnonzero(~can_pay(self._left, outcome.cost))
+        outcome.clear(unpaid, before[unpaid])
+        lost = refused_reward(self._rules, actions[unpaid], self._sampler.cell_size)
+        outcome.reward[unpaid] = lost
+
     def _pay(self, outcome: Outcome, resumed: NDArray[np.int64] | None) -> Outcome:
         """Take the costs of a move out of the budgets. Where one is exhausted, the episode may end,
         and then it is a failure, at the goal as well.
@@ -251,7 +266,7 @@ class VectorEpisodes:
         if resumed is not None:  # they have begun, and paid for their start
             outcome.cost[resumed] = self._start_cost[resumed]
 
-        if self._rules.on_exhausted == "continue":
+        if self._rules.on_exhausted != "terminate":
             return outcome
 
         is_exhausted = self._left < 0
@@ -292,10 +307,12 @@ class VectorEpisodes:
         # the last of the old episodes, before their states are lost
         packing = self._sampler.packing
         final_parts = self._sampler.transition_model.observe(self._states[ended])
+        final_obs: Iterable[Any] = map(packing.unpack, zip(*final_parts, strict=True))
         if step.budget_left is not None:
-            self._show_budget(packing.unpack(final_parts), step.budget_left[ended])
+            last = packing.unpack(final_parts)
+            self._show_budget(last, self._states[ended], step.budget_left[ended])
+            final_obs = _each(last, len(ended))
 
-        final_obs = map(packing.unpack, zip(*final_parts, strict=True))
         final = {
             "final_obs": _objects(self.num_envs, ended, final_obs),
             "_final_obs": self._just_ended.copy(),
@@ -353,13 +370,18 @@ class VectorEpisodes:
         parts = self._sampler.transition_model.observe(self._states, self._buffer)
         observation = self._sampler.packing.unpack(parts)
         if self._left is not None:
-            self._show_budget(observation, self._left)
+            self._show_budget(observation, self._states, self._left)
 
         return observation
 
-    def _show_budget(self, observation: Any, left: NDArray[np.float64]) -> None:
-        """Write what is left of budgets ``(n,)`` into observations."""
+    def _show_budget(
+        self, observation: Any, states: NDArray[np.int64], left: NDArray[np.float64]
+    ) -> None:
+        """Write what is left of budgets ``(n,)`` into observations of states ``(n,)``."""
         self._sampler.packing.set_budget(observation, scaled_amount(left))
+        if self._rules.on_exhausted == "refuse":
+            model = self._sampler.transition_model
+            self._sampler.packing.set_mask(observation, model.action_mask(states, left))
 
     def _opening(self) -> Step:
         """As after a step in which nothing happened, but that robots pay for their start."""
@@ -423,6 +445,15 @@ class VectorEpisodes:
             raise ResetNeeded("the first reset must be of all environments: leave reset_mask out")
 
         return chosen
+
+
+def _each(observations: Any, count: int) -> Iterator[Any]:
+    """The observations of a batch one by one."""
+    for i in range(count):
+        if isinstance(observations, dict):
+            yield {name: array[i] for name, array in observations.items()}
+        else:
+            yield observations[i]
 
 
 def _objects(count: int, chosen: NDArray[np.int64], objects: Iterable[Any]) -> NDArray[Any]:

@@ -68,8 +68,12 @@ class TransitionModel(Protocol):
     def margin_db(self, states: States) -> NDArray[np.float64]:
         """Gains over the target in dB."""
 
-    def action_mask(self, states: States) -> NDArray[np.int8]:
-        """1 where an action is not refused, ``(n, 8)``."""
+    def action_mask(
+        self, states: States, budget_left: NDArray[np.float64] | None = None
+    ) -> NDArray[np.int8]:
+        """1 where an action is not refused, ``(n, 8)``; where steps that a budget cannot pay are
+        refused, with what is left of it ``(n,)``.
+        """
 
 
 class EpisodeSampler(Protocol):
@@ -79,6 +83,7 @@ class EpisodeSampler(Protocol):
     is_random: bool  # whether it draws
     is_violable: bool  # whether an episode that enters a cell below the target is lost
     rules: Rules
+    cell_size: float  # metres
     map_shape: tuple[int, int]  # of the maps that `TransitionModel.cells` counts through
 
     @property

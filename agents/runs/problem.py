@@ -10,9 +10,10 @@ import numpy as np
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.budget import Budget, OnExhausted, range_of
-from irs_gym.mdp.cost import CostKind
+from irs_gym.mdp.cost import CostKind, cost_map
 from irs_gym.mdp.task import Constraint, ForeignMap, Task, resolved
 from irs_gym.radio.irs import ArrayModel, Quantiser
+from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene, load_scene, scene_names
 
 PAPER_ELEMENTS = (1200,)
@@ -124,7 +125,8 @@ def problem_of(task: Task) -> Problem:
         # had
         has_silence = not np.array_equal(given.free, np.isfinite(given.gain_db))
         silence = given.free.tobytes() if has_silence else b""
-        radio_map = _digest(cells + given.gain_db.tobytes() + silence)
+        outage = _outage(given, whole.target_db) if task.cost == "outage" else b""
+        radio_map = _digest(cells + given.gain_db.tobytes() + silence + outage)
     else:
         scene = _scene_name(whole.radio.scene)
         elements = tuple(panel.elements for panel in whole.radio.built_scene.irs_panels)
@@ -148,6 +150,11 @@ def problem_of(task: Task) -> Problem:
         start=task.start,
         goal=task.goal,
     )
+
+
+def _outage(radio_map: RadioMap, target_db: float) -> bytes:
+    """What fading does to the optimum, where outages are paid for."""
+    return cost_map(radio_map, target_db, "outage").tobytes()
 
 
 def _in_words(budget: Budget) -> str:

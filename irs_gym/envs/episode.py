@@ -202,8 +202,10 @@ class Episode:
     def _observe(self) -> Any:
         observation = self.observer.observe(self._cell)
         if self._left is not None:
-            self.observer.packing.set_budget(observation, scaled_amount(self._left))
-            self.observer.packing.set_mask(observation, self._mask())
+            packing = self.observer.packing
+            packing.set_budget(observation, scaled_amount(self._left))
+            if packing.observation == "masked":
+                observation["action_mask"][:] = self._mask()
 
         return observation
 

@@ -285,11 +285,6 @@ class Packing:
             name = "observation" if self.observation == "masked" else "budget"
             observation[name][..., 0] = share
 
-    def set_mask(self, observation: Any, action_mask: NDArray[np.int8]) -> None:
-        """Write action masks ``(..., 8)`` into observations that hold any."""
-        if self.observation == "masked":
-            observation["action_mask"][...] = action_mask
-
     def unpack(self, parts: Parts) -> Any:
         """Observations of the parts of rows, with the leading axes kept: views of them, but for
         masks and cells.

@@ -378,10 +378,11 @@ class VectorEpisodes:
         self, observation: Any, states: NDArray[np.int64], left: NDArray[np.float64]
     ) -> None:
         """Write what is left of budgets ``(n,)`` into observations of states ``(n,)``."""
-        self._sampler.packing.set_budget(observation, scaled_amount(left))
-        if self._rules.on_exhausted == "refuse":
-            model = self._sampler.transition_model
-            self._sampler.packing.set_mask(observation, model.action_mask(states, left))
+        packing = self._sampler.packing
+        packing.set_budget(observation, scaled_amount(left))
+        if packing.observation == "masked":
+            mask = self._sampler.transition_model.action_mask(states, left)
+            observation["action_mask"][:] = mask
 
     def _opening(self) -> Step:
         """As after a step in which nothing happened, but that robots pay for their start."""

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from irs_gym.datasets.generator import Difficulty as Difficulty
     from irs_gym.datasets.generator import generate_scene as generate_scene
     from irs_gym.grid import Grid as Grid
+    from irs_gym.mdp.robot import Robot as Robot
     from irs_gym.oracle.shortest_path import Path as Path
     from irs_gym.oracle.shortest_path import distance_to_go as distance_to_go
     from irs_gym.oracle.shortest_path import highest_feasible_target as highest_feasible_target
@@ -33,6 +34,7 @@ _HOMES = {
     "Difficulty": "datasets.generator",
     "generate_scene": "datasets.generator",
     "Grid": "grid",
+    "Robot": "mdp.robot",
     "Path": "oracle.shortest_path",
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",

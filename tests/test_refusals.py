@@ -311,6 +311,8 @@ ARGUMENTS = [
         for value in ("x", None, [], 0)
     ),
     *((name, value) for name in ("irs_phases", "shaping") for value in ("True", 1, None, 0.5)),
+    *(("robot_radius", value) for value in (-0.1, NAN, INF, True, "1", None)),
+    *((name, value) for name in ("corner_cutting", "collision") for value in ("x", 1, None, [])),
     *(("random_start", value) for value in (-0.1, 1.1, NAN, "a", None)),
     *(("render_mode", value) for value in ("video", 1, [], True)),
 ]
@@ -480,9 +482,10 @@ def test_the_public_names_are_all_tried_here():
     source = Path(__file__).read_text() + Path(__file__).with_name("test_archives.py").read_text()
     untried = {
         "Path",
+        "Robot",
         "Scene",
         "TradeOff",
         "__version__",
         "from_sionna",
-    }  # results, data; test_sionna.py
+    }  # results, data; test_robot.py, test_sionna.py
     assert all(name in source for name in {*irs_gym.__all__} - untried)

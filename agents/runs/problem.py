@@ -3,12 +3,13 @@ optimum.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 
 import numpy as np
 
 from irs_gym.grid import Cell
+from irs_gym.mdp.robot import Collision
 from irs_gym.mdp.task import Constraint, ForeignMap, Task, resolved
 from irs_gym.radio.irs import ArrayModel, Quantiser
 from irs_gym.radio.scene import Scene, load_scene, scene_names
@@ -41,6 +42,9 @@ class Problem:
     constraint: Constraint
     start: Cell | None
     goal: Cell | None
+    corner_cutting: bool = True
+    robot_radius: float = 0.0
+    collision: Collision = "centre"
 
     @property
     def label(self) -> str:
@@ -57,12 +61,17 @@ class Problem:
             "quantiser": "nearest",
             "array_model": "far_field",
             "constraint": "refuse",
+            "robot_radius": 0.0,
+            "collision": "centre",
         }
         for name, value in usual.items():
             if getattr(self, name) not in (value, None) and not (
                 name == "cell_size" and self.radio_map
             ):
                 parts.append(f"{name.replace('_', ' ')} {getattr(self, name)}")
+
+        if not self.corner_cutting:
+            parts.append("no corner cutting")
 
         parts += [
             f"{name} {getattr(self, name)}" for name in ("start", "goal") if getattr(self, name)
@@ -134,6 +143,7 @@ def problem_of(task: Task) -> Problem:
         constraint=task.constraint,
         start=task.start,
         goal=task.goal,
+        **asdict(task.rules.robot),
     )
 
 

@@ -13,6 +13,7 @@ from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
 from irs_gym.datasets.splits import split_of
 from irs_gym.grid import Grid
 from irs_gym.mdp.dynamics import check_bonus, potential
+from irs_gym.mdp.robot import Collision
 from irs_gym.mdp.task import (
     Constraint,
     Observation,
@@ -63,6 +64,16 @@ class RandomTask:
     """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
     goal_bonus: float = Task.goal_bonus
     """Reward at the goal, in metres."""
+    corner_cutting: bool = Task.corner_cutting
+    """Whether a diagonal move asks for its destination alone; otherwise it needs both cells beside
+    it.
+    """
+    robot_radius: float = Task.robot_radius
+    """Metres: cells whose centre is nearer than that to an obstacle or a wall cannot be entered."""
+    collision: Collision = Task.collision
+    """Where obstacles count: at the "centre" of a cell alone, or wherever the robot's "body" meets
+    one on a move. Scenes of a split that such a robot cannot solve are left out, with a warning.
+    """
 
     def __post_init__(self) -> None:
         _ = self.rules  # checks the fields that are the robot's
@@ -111,6 +122,9 @@ class RandomTaskArguments(TypedDict, total=False):
     random_start: float
     shaping: bool
     goal_bonus: float
+    corner_cutting: bool
+    robot_radius: float
+    collision: Collision
 
 
 def random_task_of(arguments: Mapping[str, Any], owner: str = "RandomTask") -> RandomTask:
@@ -199,12 +213,13 @@ def build_worlds(task: RandomTask) -> Worlds:
 
 @lru_cache(maxsize=4)
 def _build_worlds(task: RandomTask) -> Worlds:
+    robot = task.rules.robot
     if isinstance(task.scenes, SceneSet):
-        pool = task.scenes
+        pool = task.scenes.for_robot(robot)
     elif task.scenes is None:
-        pool = build_scene_set(task.split, task.num_scenes)
+        pool = build_scene_set(task.split, task.num_scenes).for_robot(robot)
     else:
-        pool = scene_set_of(_read_scenes(task.scenes))
+        pool = scene_set_of(_read_scenes(task.scenes), robot=robot)
 
     # Where giving up pays in none of the scenes, it does not in the one of the longest detour.
     offsets = pool.start - pool.goal  # (S, 2) cells
@@ -239,4 +254,5 @@ def _world(worlds: Worlds, number: int) -> World:
         irs=np.broadcast_to(pool.irs[number], (*pool.shape, 3)),
         source=(_world, (worlds, number)),
         to_go=pool.distance_to_go[number],
+        passable=pool.motion(number)["passable"],
     )

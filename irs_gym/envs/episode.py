@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell, as_cell
+from irs_gym.grid import Cell, as_cell, legal_moves
 from irs_gym.mdp.action_values import optimal_q
 from irs_gym.mdp.checks import checked_action
 from irs_gym.mdp.dynamics import ACTIONS, Transition, choose_start, tables_for, transition_table
@@ -47,7 +47,12 @@ class Episode:
     @property
     def oracle(self) -> Path:
         """The shortest feasible path from start to goal."""
-        return descend(self.tables.distance_to_go, self.start, self.world.radio_map.grid.cell_size)
+        return descend(
+            self.tables.distance_to_go,
+            self.start,
+            self.world.radio_map.grid.cell_size,
+            self._keeps_target(),
+        )
 
     @property
     def path(self) -> list[Cell]:
@@ -70,7 +75,9 @@ class Episode:
         )
         flat_cell(self.world.feasible, (i, j), "cell")
         is_optimal = optimal_moves(
-            self.tables.distance_to_go[None], self.world.radio_map.grid.cell_size
+            self.tables.distance_to_go[None],
+            self.world.radio_map.grid.cell_size,
+            self._keeps_target()[None],
         )
 
         return np.flatnonzero(is_optimal[0, :, i, j])
@@ -130,6 +137,10 @@ class Episode:
             if mode is None
             else RENDERERS[mode](view_of(self.world, self.start, self.goal), self.path)
         )
+
+    def _keeps_target(self) -> NDArray[np.bool_]:
+        """Which moves the oracle may make, ``(X, Y, 8)``."""
+        return legal_moves(self.world.feasible, **self.world.motion)
 
     def _info(
         self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False

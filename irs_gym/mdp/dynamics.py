@@ -4,12 +4,20 @@ environments and learners call, and `Tables` that hold all their values for one.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, flat_cells, legal_moves, octile_distance
+from irs_gym.grid import (
+    MOVE_LENGTHS,
+    MOVES,
+    Cell,
+    Motion,
+    flat_cells,
+    legal_moves,
+    octile_distance,
+)
 from irs_gym.mdp.task import Constraint, Rules, World
 from irs_gym.memory import freeze
 from irs_gym.oracle.shortest_path import distance_to_go, infeasible
@@ -48,12 +56,15 @@ def reward(
     return -length + (potential_next - potential_now) + rules.goal_bonus * is_at_goal
 
 
-def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[Bools, Bools]:
+def permissions(
+    constraint: Constraint, free: Bools, feasible: Bools, **motion: Unpack[Motion]
+) -> tuple[Bools, Bools]:
     """Which actions are not refused, and which miss the target: both of shape ``(..., X, Y, 8)``.
 
     A move into a wall, an obstacle or (unless allowed) a cell below the target is refused. Under
     ``"terminate"``, an attempt to enter a cell below the target misses it, under ``"allow"``
-    whatever leads to one or stays in one.
+    whatever leads to one or stays in one. Without corner cutting, a diagonal move enters both cells
+    beside it as well.
 
     Parameters
     ----------
@@ -62,6 +73,8 @@ def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[B
     free, feasible
         Cells without an obstacle, and those of them at or above the target, shape ``(..., X, Y)``:
         of one map, or of many.
+    motion
+        What else `irs_gym.grid.legal_moves` asks of a move.
 
     Examples
     --------
@@ -72,11 +85,11 @@ def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[B
     >>> [MOVE_NAMES[n] for n in np.flatnonzero(is_legal[0, 1])]  # (0, 2) lies below the target
     ['S']
     """
-    keeps_target = legal_moves(feasible)
+    keeps_target = legal_moves(feasible, **motion)
     if constraint == "refuse":
         return keeps_target, np.zeros_like(keeps_target)
 
-    is_open = legal_moves(free)
+    is_open = legal_moves(free, **motion)
     if constraint == "terminate":
         return keeps_target, is_open & ~keeps_target
 
@@ -107,6 +120,7 @@ def transition(world: World, goal: Cell) -> Transition:
         world.feasible[None],
         np.array([goal]),
         world.radio_map.grid.cell_size,
+        **world.motion,
     )
 
 
@@ -117,6 +131,7 @@ def transitions(
     goals: Ints,
     cell_size: float,
     precision: type[np.floating[Any]] = np.float64,
+    **motion: Unpack[Motion],
 ) -> Transition:
     """The transition of every cell and action of S maps, arrays of shape ``(S * X * Y, 8)``.
 
@@ -134,6 +149,8 @@ def transitions(
         Edge of a cell in metres.
     precision
         That of the shaping potential.
+    motion
+        What else `irs_gym.grid.legal_moves` asks of a move.
 
     Returns
     -------
@@ -143,7 +160,8 @@ def transitions(
     columns, rows = shape
     cells = np.arange(free.size)[:, None]
     is_legal, is_violation = (
-        each.reshape(-1, ACTIONS) for each in permissions(rules.constraint, free, feasible)
+        each.reshape(-1, ACTIONS)
+        for each in permissions(rules.constraint, free, feasible, **motion)
     )  # (S * X * Y, 8)
     next_cell = next_cells(cells, np.arange(ACTIONS), is_legal, (columns, rows))
 
@@ -188,7 +206,9 @@ def _cells(shape: tuple[int, int]) -> Ints:
 
 def action_mask(world: World) -> NDArray[np.int8]:
     """1 where an action is not refused, shape ``(X * Y, 8)``."""
-    is_legal, _ = permissions(world.rules.constraint, world.radio_map.free, world.feasible)
+    is_legal, _ = permissions(
+        world.rules.constraint, world.radio_map.free, world.feasible, **world.motion
+    )
     return is_legal.reshape(-1, ACTIONS).astype(np.int8)
 
 
@@ -230,7 +250,7 @@ def tabulate(world: World, goal: Cell) -> Tables:
     grid = world.radio_map.grid
     to_go = world.to_go if goal == world.goal else None
     if to_go is None:
-        to_go = distance_to_go(world.feasible, goal, grid.cell_size)
+        to_go = distance_to_go(world.feasible, goal, grid.cell_size, **world.motion)
 
     gain_db = world.radio_map.gain_db
 
@@ -293,7 +313,9 @@ def check_cell(world: World, name: str, cell: Cell) -> None:
     if not world.radio_map.grid.has(cell):
         raise ValueError(f"{name}={cell} lies off the map of {world.radio_map.grid.shape} cells")
     if not world.radio_map.free[cell]:
-        raise ValueError(f"{name}={cell} lies in an obstacle")
+        radius = world.rules.robot_radius
+        near = f", or nearer than robot_radius={radius} m to one or a wall" if radius else ""
+        raise ValueError(f"{name}={cell} lies in an obstacle{near}")
 
 
 def tables_for(world: World, start: Cell, goal: Cell) -> Tables:
@@ -312,7 +334,9 @@ def tables_for(world: World, start: Cell, goal: Cell) -> Tables:
 
     tables = tabulate(world, goal)
     if not np.isfinite(tables.distance_to_go[start]):
-        raise ValueError(infeasible(world.radio_map.gain_db, start, goal, world.target_db))
+        raise ValueError(
+            infeasible(world.radio_map.gain_db, start, goal, world.target_db, **world.motion)
+        )
 
     return tables
 

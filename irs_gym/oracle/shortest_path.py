@@ -322,7 +322,8 @@ def highest_feasible_target(
     # takes a weight of 0 for no edge, hence the 1.
     levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)  # (K,), (X * Y,)
     rows, second, moves = edges(np.isfinite(gain_db), **motion)
-    cost = 1.0 - widths(-rank.reshape(gain_db.shape), rows, moves, **motion)
+    by_cell = rank.reshape(gain_db.shape)
+    cost = 1.0 - widths(-by_cell, rows, moves, **motion)
 
     # The tree that keeps the cheapest moves, those of the highest gains.
     graph = csr_array((cost, second, rows), shape=(gain_db.size,) * 2)
@@ -335,10 +336,15 @@ def highest_feasible_target(
     worst = rank[target]
 
     while cell != source:
+        last = cell
         cell = before[cell]
         if cell < 0:  # another tree of the forest
             return -np.inf
         worst = max(worst, rank[cell])
+        if not corner_cutting:  # of a move along an axis, the cells beside it are its own
+            i, j = divmod(last, gain_db.shape[1])
+            k, m = divmod(cell, gain_db.shape[1])
+            worst = max(worst, by_cell[i, m], by_cell[k, j])
 
     return -float(levels[worst])
 

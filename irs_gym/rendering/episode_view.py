@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, legal_moves
 from irs_gym.mdp.dynamics import tabulate
 from irs_gym.mdp.task import World
 from irs_gym.oracle.shortest_path import descend
@@ -31,6 +31,9 @@ def view_of(world: World, start: Cell, goal: Cell) -> View:
         goal=goal,
         free=radio_map.free,
         oracle_cells=descend(
-            tabulate(world, goal).distance_to_go, start, radio_map.grid.cell_size
+            tabulate(world, goal).distance_to_go,
+            start,
+            radio_map.grid.cell_size,
+            legal_moves(world.feasible, **world.motion),
         ).cells,
     )

@@ -1,0 +1,146 @@
+"""`Solids`: the floor that obstacles take, and what comes near it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from irs_gym.grid import Grid
+from irs_gym.radio.geometry import TOUCH
+from irs_gym.radio.scene import Scene
+
+OUTSIDE = -1  # the number of what lies around the room, among those of obstacles
+
+_BLOCK = 2**16  # points or lines that are tested at a time: bounds memory
+_MOST_CORNERS = 256  # of one area in the tree: larger ones are cut up
+_OVERLAP = 1e-6  # metres, far more than `TOUCH`
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """Areas on the floor, without their borders.
+
+    Attributes
+    ----------
+    areas
+        ``shapely`` polygons, shape ``(n,)``, each smaller by `TOUCH` all around: what meets one
+        reaches into it, and does not only touch it.
+    owner
+        Shape ``(n,)``: the number of the obstacle that each is part of, or `OUTSIDE`.
+    """
+
+    areas: NDArray[Any]
+    owner: Ints
+
+    @cached_property
+    def _tree(self) -> Any:
+        return shapely.STRtree(self.areas)
+
+    def met_by(self, shapes: NDArray[Any], metres: float) -> tuple[Bools, Ints]:
+        """Which of the ``shapely`` points or lines ``(m,)`` come nearer to an area than so many
+        metres, and the numbers of the obstacles that they come near to, sorted.
+        """
+        is_met = np.zeros(len(shapes), dtype=bool)
+        owners: list[Ints] = []
+
+        for first in range(0, len(shapes), _BLOCK):
+            which, area = self._tree.query(
+                shapes[first : first + _BLOCK], predicate="dwithin", distance=metres
+            )
+            is_met[first + which] = True
+            owners.append(np.unique(self.owner[area]))
+
+        return is_met, np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *owners]))
+
+
+def solids_of(scene: Scene) -> Solids:
+    """The obstacles of a scene, and what lies around its room."""
+    areas = [shapely.box(*each.lower[:2], *each.upper[:2]) for each in scene.obstacles]
+    room = shapely.box(*scene.room.lower, *scene.room.upper)
+
+    return _solids([*areas, _around(room)], [*range(len(areas)), OUTSIDE])
+
+
+def solids_of_cells(free: Bools, grid: Grid) -> Solids:
+    """The squares of all cells that are not free, as obstacle 0, and what lies around the grid."""
+    low = np.argwhere(~free) * grid.cell_size + grid.origin  # (n, 2)
+    squares = shapely.box(*low.T, *(low + grid.cell_size).T)
+    room = shapely.box(*grid.origin, *grid.upper)
+
+    return _solids([shapely.coverage_union_all(squares), _around(room)], [0, OUTSIDE])
+
+
+def overlooked(scene: Scene, owners: Ints) -> str:
+    """What to say of the obstacles of a scene that are not among those owners; empty where all
+    are.
+    """
+    missed = sorted(set(range(len(scene.obstacles))) - set(owners.tolist()))
+    if not missed:
+        return ""
+
+    named = [
+        f"obstacles[{n}] from {scene.obstacles[n].lower[:2]} to {scene.obstacles[n].upper[:2]}"
+        for n in missed[:5]
+    ]
+    more = [f"{len(missed) - len(named)} more"] if len(missed) > len(named) else []
+
+    return f"scene {scene.name!r}: no cell is blocked by {', '.join([*named, *more])}"
+
+
+def centres_of(grid: Grid) -> NDArray[Any]:
+    """The centres of all cells as ``shapely`` points, shape ``(X * Y,)``."""
+    return np.asarray(shapely.points(grid.centres().reshape(-1, 2)))
+
+
+def _around(room: Any) -> Any:
+    """What lies around a room: a ring, since nothing reaches through it from within."""
+    return shapely.difference(room.buffer(1.0, join_style="mitre"), room)
+
+
+def _solids(areas: list[Any], owners: list[int]) -> Solids:
+    """Solids of areas with their borders; empty ones are left out."""
+    pieces: list[Any] = []
+    owner: list[int] = []
+
+    for area, its in zip(areas, owners, strict=True):
+        cut = _pieces(area)
+        pieces += cut
+        owner += [its] * len(cut)
+
+    smaller = shapely.buffer(np.array(pieces, dtype=object), -TOUCH, join_style="mitre")
+
+    return Solids(np.asarray(smaller), np.array(owner, dtype=np.int64))
+
+
+def _pieces(area: Any) -> list[Any]:
+    """An area cut up into small ones that overlap, so that they still do when each is made smaller;
+    an index finds these sooner.
+    """
+    pieces = []
+    waiting = [area]
+
+    while waiting:
+        part = waiting.pop()
+        if shapely.get_num_coordinates(part) <= _MOST_CORNERS:
+            pieces.append(part)
+            continue
+
+        # across its longer side, in halves
+        low = np.array(part.bounds[:2])
+        high = np.array(part.bounds[2:])
+        axis = int(np.argmax(high - low))
+        middle = (low[axis] + high[axis]) / 2
+
+        for start, end in ((low[axis], middle + _OVERLAP), (middle - _OVERLAP, high[axis])):
+            low[axis] = start
+            high[axis] = end
+            half = shapely.intersection(part, shapely.box(*low, *high))
+            waiting += shapely.get_parts(half).tolist()
+
+    return pieces

@@ -13,17 +13,10 @@ from irs_gym.datasets.solved_scene import SolvedScene, radio_map_of
 from irs_gym.grid import Cell, Grid, as_cell, checked_point
 from irs_gym.mdp.robot import PAPER_ROBOT, Collision, Robot
 from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target, largest_component
+from irs_gym.radio.fields import Point3, Wall
 from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
-from irs_gym.radio.scene import (
-    AccessPoint,
-    IrsPanel,
-    Obstacle,
-    Point3,
-    Room,
-    Scene,
-    Wall,
-    load_scene,
-)
+from irs_gym.radio.scene import AccessPoint, IrsPanel, Obstacle, Room, Scene, load_scene
+from irs_gym.radio.shapes import PolygonRoom
 from irs_gym.units import wavelength_m
 
 # Of what is drawn from a seed, and of its map. Whoever changes either makes other scenes of all
@@ -186,7 +179,7 @@ def draw_solved_scene(
     raise ValueError(f"difficulty={difficulty}: none of {FACTORIES} factories has such a task")
 
 
-def least_distance(room: Room) -> float:
+def least_distance(room: Room | PolygonRoom) -> float:
     """Metres that start and goal are apart at least, centre to centre: half the mean of the room's
     sides.
     """

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from irs_gym.files import as_path, read_arrays, write_file
 from irs_gym.grid import Grid, checked_map
 from irs_gym.memory import check_memory, freeze
-from irs_gym.radio.geometry import is_in_footprint
 from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser, channel
 from irs_gym.radio.scene import Scene, load_scene
 from irs_gym.radio.solids import centres_of, overlooked, solids_of
@@ -489,7 +488,7 @@ def _check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
 def _blocks(scene: Scene, grid: Grid, width: int) -> Iterator[tuple[NDArray[np.int64], Floats]]:
     """Free cells as flat indices ``(n,)`` and antenna positions ``(n, 3)``, block by block."""
     floor = grid.centres().reshape(-1, 2)
-    free = np.flatnonzero(~is_in_footprint(floor, scene.boxes))
+    free = np.flatnonzero(~scene.floor.is_covered(floor))
     block = max(1, min(2**15, _BLOCK // width)) if width else 2**15
 
     for first in range(0, len(free), block):

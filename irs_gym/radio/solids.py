@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Grid
 from irs_gym.radio.geometry import TOUCH
-from irs_gym.radio.scene import Scene
+from irs_gym.radio.scene import AnyObstacle, Scene
+from irs_gym.radio.shapes import PolygonObstacle, PolygonRoom, RasterObstacle
 
 OUTSIDE = -1  # the number of what lies around the room, among those of obstacles
 
@@ -61,19 +62,37 @@ class Solids:
 
 def solids_of(scene: Scene) -> Solids:
     """The obstacles of a scene, and what lies around its room."""
-    areas = [shapely.box(*each.lower[:2], *each.upper[:2]) for each in scene.obstacles]
-    room = shapely.box(*scene.room.lower, *scene.room.upper)
+    areas = [_area_of(each) for each in scene.obstacles]
+    room = scene.room
+    inside = room.shape if isinstance(room, PolygonRoom) else shapely.box(*room.lower, *room.upper)
 
-    return _solids([*areas, _around(room)], [*range(len(areas)), OUTSIDE])
+    return _solids([*areas, _around(inside)], [*range(len(areas)), OUTSIDE])
 
 
 def solids_of_cells(free: Bools, grid: Grid) -> Solids:
     """The squares of all cells that are not free, as obstacle 0, and what lies around the grid."""
-    low = np.argwhere(~free) * grid.cell_size + grid.origin  # (n, 2)
-    squares = shapely.box(*low.T, *(low + grid.cell_size).T)
-    room = shapely.box(*grid.origin, *grid.upper)
+    inside = shapely.box(*grid.origin, *grid.upper)
+    blocked = _squares(~free, grid.cell_size, grid.origin)
+    return _solids([blocked, _around(inside)], [0, OUTSIDE])
 
-    return _solids([shapely.coverage_union_all(squares), _around(room)], [0, OUTSIDE])
+
+def _area_of(obstacle: AnyObstacle) -> Any:
+    """The floor that an obstacle takes, as a ``shapely`` area."""
+    if isinstance(obstacle, PolygonObstacle):
+        return obstacle.shape
+    if isinstance(obstacle, RasterObstacle):
+        return _squares(obstacle.is_filled, obstacle.cell_size, obstacle.origin)
+    return shapely.box(*obstacle.lower[:2], *obstacle.upper[:2])
+
+
+def _squares(is_filled: Bools, cell_size: float, origin: tuple[float, float]) -> Any:
+    """The cells ``(X, Y)`` that are filled, as one area."""
+    # joined in whole numbers, where the corners that they share are the same ones
+    low = np.argwhere(is_filled)  # (n, 2)
+    squares = shapely.box(*low.T, *(low + 1).T)
+    return shapely.transform(
+        shapely.coverage_union_all(squares), lambda corners: corners * cell_size + origin
+    )
 
 
 def overlooked(scene: Scene, owners: Ints) -> str:
@@ -98,9 +117,9 @@ def centres_of(grid: Grid) -> NDArray[Any]:
     return np.asarray(shapely.points(grid.centres().reshape(-1, 2)))
 
 
-def _around(room: Any) -> Any:
-    """What lies around a room: a ring, since nothing reaches through it from within."""
-    return shapely.difference(room.buffer(1.0, join_style="mitre"), room)
+def _around(inside: Any) -> Any:
+    """What lies around a room: up to the box around it, and a ring of a metre more."""
+    return shapely.difference(shapely.box(*inside.bounds).buffer(1.0, join_style="mitre"), inside)
 
 
 def _solids(areas: list[Any], owners: list[int]) -> Solids:

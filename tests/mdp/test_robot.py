@@ -9,6 +9,7 @@ from math import inf
 import gymnasium
 import numpy as np
 import pytest
+import shapely
 from alike import assert_equal_for, both
 from gymnasium.vector import AutoresetMode
 from tiny_pool import tiny_pool
@@ -29,7 +30,9 @@ from irs_gym.grid import MOVES, octile_distance
 from irs_gym.mdp.action_values import optimal_q
 from irs_gym.mdp.dynamics import transition_table
 from irs_gym.mdp.task import Task, build_world
+from irs_gym.radio.geometry import is_in_footprint
 from irs_gym.radio.scene import Obstacle, Scene
+from irs_gym.radio.shapes import RasterObstacle
 
 PAPER = load_scene("paper")
 START, GOAL = (0, 20), (39, 20)
@@ -294,3 +297,60 @@ def test_another_robot_is_another_task_for_saved_states_and_for_problems():
         other.set_state(state)
     assert problem_of(Task(corner_cutting=False)) != problem_of(Task())
     assert "no corner cutting" in problem_of(Task(corner_cutting=False)).label
+
+
+# --- other shapes ---------------------------------------------------------------------------------
+
+
+def as_shapes(scene: Scene, kind: str) -> Scene:
+    """A scene of boxes on a raster of 0.25 m with these as polygons or as one raster."""
+    data = scene.to_data() | {"format_version": 2}
+    if kind == "polygons":
+        corners = [shapely.box(*box.lower[:2], *box.upper[:2]).exterior for box in scene.obstacles]
+        data["obstacles"] = [
+            {"polygon": [list(corner) for corner in ring.coords], "height": box.size[2]}
+            for ring, box in zip(corners, scene.obstacles, strict=True)
+        ]
+        return Scene.from_data(data)
+
+    centres = scene.grid(0.25).centres()
+    is_filled = is_in_footprint(centres, scene.boxes)
+    raster = RasterObstacle.from_array(is_filled, 0.25, scene.room.lower, 2.0)
+    return Scene.from_data(data | {"obstacles": [raster.model_dump(mode="json")]})
+
+
+@pytest.mark.parametrize("kind", ["polygons", "raster"])
+@pytest.mark.parametrize("radius", [0.0, 0.2])
+def test_a_robot_fits_boxes_polygons_and_rasters_alike(kind, radius):
+    robot = Robot(robot_radius=radius, collision="body")
+    refused = 0
+    for n in range(4):
+        scene = scene_of("test", n).with_irs_elements(0)
+        whole = build_radio_map(scene)
+        expected = robot.fit(whole, scene)
+        found = robot.fit(whole, as_shapes(scene, kind))
+        assert (found.radio_map.free == expected.radio_map.free).all()
+        assert (found.motion["passable"] == expected.motion["passable"]).all()
+        refused += (~expected.motion["passable"]).sum()
+    assert refused > 10
+
+
+def test_a_thin_wall_at_an_angle_and_the_outside_of_a_room_stop_a_body():
+    data = PAPER.to_data() | {"format_version": 2, "irs_panels": []}
+    data["room"] = {"polygon": [[-10, -10], [10, -10], [10, 10], [0, 10], [0, 9], [-10, 9]], "height": 5.0}  # fmt: skip
+    ends = np.array([[-3.0, -10.0], [3.0, 10.0]])
+    aside = np.array([0.01, 0.0])
+    data["obstacles"] = [{"polygon": [*(ends - aside).tolist(), *(ends[::-1] + aside).tolist()], "height": 3.0}]  # fmt: skip
+    scene = Scene.from_data(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        radio_map = build_radio_map(scene)
+    free = radio_map.feasible(-200.0)
+    assert shortest_path(free, (2, 20), (37, 20), 0.5) is not None
+    fit = Robot(collision="body").fit(radio_map, scene)
+    assert (
+        shortest_path(fit.radio_map.feasible(-200.0), (2, 20), (37, 20), 0.5, **fit.motion) is None
+    )
+    wide = Robot(robot_radius=0.3, collision="body").fit(radio_map, scene).radio_map.free
+    assert not wide[10, 37]  # 0.25 m from the room's edge at y = 9
+    assert wide[10, 36]

@@ -306,7 +306,7 @@ MISTAKES = [
     (put("room", [20, 20, 5]), r"room: .* object"),
     (put("obstacles", {}), r"obstacles: .* array"),
     (put("start", [1, 2, 3]), r"start: .* at most 2 items"),
-    (put("format_version", 2), r"format_version: Input should be 1 \(got 2\)"),
+    (put("format_version", 3), r"format_version: Input should be 1 or 2 \(got 3\)"),
     (put("colour", "red"), r"colour: Extra inputs are not permitted \(got 'red'\)"),
     (put("room", "depth", 3), r"room.depth: Extra inputs are not permitted"),
     (put("irs_panels", 0, "tilt", 0), r"irs_panels\[0\].tilt: Extra inputs are not permitted"),

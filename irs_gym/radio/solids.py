@@ -13,7 +13,7 @@ from irs_gym.radio.geometry import TOUCH
 from irs_gym.radio.scene import AnyObstacle, Scene
 from irs_gym.radio.shapes import PolygonObstacle, PolygonRoom, RasterObstacle
 
-OUTSIDE = -1  # the number of what lies around the room, among those of obstacles
+OUTSIDE = -1  # among the numbers of obstacles, that of what lies around the room
 
 _BLOCK = 2**16  # points or lines that are tested at a time: bounds memory
 _MOST_CORNERS = 256  # of one area in the tree: larger ones are cut up
@@ -33,7 +33,8 @@ class Solids:
         ``shapely`` polygons, shape ``(n,)``, each smaller by `TOUCH` all around: what meets one
         reaches into it, and does not only touch it.
     owner
-        Shape ``(n,)``: the number of the obstacle that each is part of, or `OUTSIDE`.
+        Shape ``(n,)``: the number of the obstacle that each is part of, or `OUTSIDE` for what is of
+        none or of two.
     """
 
     areas: NDArray[Any]
@@ -124,17 +125,32 @@ def _around(inside: Any) -> Any:
 
 def _solids(areas: list[Any], owners: list[int]) -> Solids:
     """Solids of areas with their borders; empty ones are left out."""
-    pieces: list[Any] = []
-    owner: list[int] = []
+    cut = [_pieces(area) for area in areas]
+    pieces = np.array([piece for each in cut for piece in each], dtype=object)  # (n,)
+    owner = np.repeat(owners, [len(each) for each in cut])
+    smaller = np.asarray(shapely.buffer(pieces, -TOUCH, join_style="mitre"))
+    seams = shapely.buffer(_seams(pieces, smaller, owner), -TOUCH, join_style="mitre")
 
-    for area, its in zip(areas, owners, strict=True):
-        cut = _pieces(area)
-        pieces += cut
-        owner += [its] * len(cut)
+    return Solids(
+        areas=np.concatenate([smaller, seams]),
+        owner=np.concatenate([owner, np.full(len(seams), OUTSIDE)]),
+    )
 
-    smaller = shapely.buffer(np.array(pieces, dtype=object), -TOUCH, join_style="mitre")
 
-    return Solids(np.asarray(smaller), np.array(owner, dtype=np.int64))
+def _seams(pieces: NDArray[Any], smaller: NDArray[Any], owner: Ints) -> NDArray[Any]:
+    """Unions of pieces of two obstacles side by side, so that there is no way between these."""
+    one, other = shapely.STRtree(pieces).query(pieces, predicate="dwithin", distance=TOUCH)
+    are_two = (one < other) & (owner[one] != owner[other])
+    one = one[are_two]
+    other = other[are_two]
+
+    # between those that overlap there is none
+    are_apart = ~shapely.intersects(smaller[one], smaller[other])
+
+    # sides that are one but for the rounding of their corners become one
+    return np.asarray(
+        shapely.union(pieces[one[are_apart]], pieces[other[are_apart]], grid_size=TOUCH / 10)
+    )
 
 
 def _pieces(area: Any) -> list[Any]:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from irs_gym.datasets.generator import generate_scene as generate_scene
     from irs_gym.grid import Grid as Grid
     from irs_gym.mdp.robot import Robot as Robot
+    from irs_gym.oracle.shortest_lengths import shortest_lengths as shortest_lengths
     from irs_gym.oracle.shortest_path import Path as Path
     from irs_gym.oracle.shortest_path import distance_to_go as distance_to_go
     from irs_gym.oracle.shortest_path import highest_feasible_target as highest_feasible_target
@@ -38,6 +39,7 @@ _HOMES = {
     "Path": "oracle.shortest_path",
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",
+    "shortest_lengths": "oracle.shortest_lengths",
     "shortest_path": "oracle.shortest_path",
     "RadioMap": "radio.radio_map",
     "build_phase_shifts": "radio.radio_map",

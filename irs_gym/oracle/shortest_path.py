@@ -138,7 +138,7 @@ def shortest_path(
         return None
 
     # for each cell, the one that a shortest path from the start reaches it from, (X * Y,)
-    graph = _graph(feasible, **motion)
+    graph = graph_of(feasible, **motion)
     _, before = dijkstra(graph, indices=source, return_predecessors=True)
     if source != target and before[target] < 0:
         return None
@@ -183,7 +183,7 @@ def distance_to_go(
         return np.full(feasible.shape, np.inf)
 
     # Moves are symmetric, so distances from the goal are distances to it.
-    distance = dijkstra(_graph(feasible, **motion), indices=target).reshape(feasible.shape)
+    distance = dijkstra(graph_of(feasible, **motion), indices=target).reshape(feasible.shape)
 
     return np.asarray(distance * cell_size)
 
@@ -354,7 +354,7 @@ def largest_component(free: NDArray[np.bool_], **motion: Unpack[Motion]) -> NDAr
     as large.
     """
     # obstacles are components of one cell each, and count for nothing
-    _, labels = connected_components(_graph(free, **motion), directed=False)  # (X * Y,)
+    _, labels = connected_components(graph_of(free, **motion), directed=False)  # (X * Y,)
     sizes = np.bincount(labels, weights=free.ravel())
     largest: NDArray[np.bool_] = labels == np.argmax(sizes)
 
@@ -445,7 +445,7 @@ def widths(
     return np.asarray(np.minimum(values.ravel()[first], ahead[first, moves]))
 
 
-def _graph(free: NDArray[np.bool_], **motion: Unpack[Motion]) -> csr_array:
+def graph_of(free: NDArray[np.bool_], **motion: Unpack[Motion]) -> csr_array:
     """Weighted graph of eq. (17) over the free cells, lengths in cells."""
     rows, cells, moves = edges(free, **motion)
     return csr_array((MOVE_LENGTHS[moves], cells, rows), shape=(free.size, free.size))

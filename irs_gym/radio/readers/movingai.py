@@ -177,8 +177,10 @@ def _scenario(where: str, line: str) -> MovingAiScenario:
     )
 
 
-def map_of(path: Path, scenarios: tuple[MovingAiScenario, ...]) -> MovingAiMap:
-    """The map of a scenario file, which lies beside it.
+def map_of(
+    path: Path, scenarios: tuple[MovingAiScenario, ...], folder: Path | None = None
+) -> MovingAiMap:
+    """The map of a scenario file, which lies beside it, or anywhere below a folder.
 
     Raises
     ------
@@ -192,10 +194,14 @@ def map_of(path: Path, scenarios: tuple[MovingAiScenario, ...]) -> MovingAiMap:
         raise ValueError(f"{path}: its scenarios are of {len(names)} maps: {sorted(names)[:3]}")
 
     # "arena.map.scen" is of "arena.map", whatever folder it names
-    places = [path.with_suffix(""), path.parent / names.pop().replace("\\", "/").split("/")[-1]]
+    name = names.pop().replace("\\", "/").split("/")[-1]
+    places = [path.with_suffix(""), path.parent / name]
+    if folder is not None:
+        places += sorted(each for each in folder.rglob("*.map") if each.name == name)
+
     place = next((each for each in places if each.suffix == ".map" and each.is_file()), None)
     if place is None:
-        raise FileNotFoundError(f"{path}: there is no map {places[-1].name!r} beside it")
+        raise FileNotFoundError(f"{path}: there is no map {name!r} beside it")
 
     found = load_movingai(place)
     for n, each in enumerate(scenarios):

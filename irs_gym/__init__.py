@@ -23,6 +23,13 @@ if TYPE_CHECKING:
     from irs_gym.radio.radio_map import RadioMap as RadioMap
     from irs_gym.radio.radio_map import build_phase_shifts as build_phase_shifts
     from irs_gym.radio.radio_map import build_radio_map as build_radio_map
+    from irs_gym.radio.readers.floor_plan import FloorPlan as FloorPlan
+    from irs_gym.radio.readers.geojson import read_geojson as read_geojson
+    from irs_gym.radio.readers.movingai import MovingAiScenario as MovingAiScenario
+    from irs_gym.radio.readers.movingai import read_movingai_map as read_movingai_map
+    from irs_gym.radio.readers.movingai import read_movingai_scenarios as read_movingai_scenarios
+    from irs_gym.radio.readers.picture import read_picture as read_picture
+    from irs_gym.radio.readers.ros_map import read_ros_map as read_ros_map
     from irs_gym.radio.scene import Scene as Scene
     from irs_gym.radio.scene import load_scene as load_scene
     from irs_gym.radio.sionna import from_sionna as from_sionna
@@ -44,6 +51,13 @@ _HOMES = {
     "RadioMap": "radio.radio_map",
     "build_phase_shifts": "radio.radio_map",
     "build_radio_map": "radio.radio_map",
+    "FloorPlan": "radio.readers.floor_plan",
+    "read_geojson": "radio.readers.geojson",
+    "MovingAiScenario": "radio.readers.movingai",
+    "read_movingai_map": "radio.readers.movingai",
+    "read_movingai_scenarios": "radio.readers.movingai",
+    "read_picture": "radio.readers.picture",
+    "read_ros_map": "radio.readers.ros_map",
     "Scene": "radio.scene",
     "load_scene": "radio.scene",
     "from_sionna": "radio.sionna",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.files import as_path, read_file
-from irs_gym.grid import Cell
+from irs_gym.grid import Cell, Grid, checked_cell_size
 from irs_gym.memory import freeze
 from irs_gym.radio.readers.floor_plan import CEILING, FloorPlan, check_cells, plan_of_cells
 from irs_gym.radio.shapes import MOST_RASTER_CELLS
@@ -94,9 +94,24 @@ def read_movingai_map(
         Where it is damaged, or too large; the message names file and field.
     """
     place = as_path(path, "path")
-    return plan_of_cells(
-        place.stem, ~load_movingai(place).free_from(), cell_size, (0.0, 0.0), height
-    )
+    return plan_of_map(place.stem, load_movingai(place), cell_size, height)
+
+
+def plan_of_map(
+    name: str,
+    grid: MovingAiMap,
+    cell_size: float,
+    height: float,
+    scenario: MovingAiScenario | None = None,
+) -> FloorPlan:
+    """Floor plan of a map, with start and goal of a scenario on it where one is given."""
+    cell_size = checked_cell_size(cell_size)
+    tiles = Grid(grid.shape, cell_size, (0.0, 0.0))
+    ends = {} if scenario is None else {"start": scenario.start, "goal": scenario.goal}
+    points = {field: list(tiles.centre(cell)) for field, cell in ends.items()}
+    start = None if scenario is None else scenario.start
+
+    return plan_of_cells(name, ~grid.free_from(start), cell_size, tiles.origin, height, **points)
 
 
 def load_movingai(path: Path) -> MovingAiMap:

@@ -481,11 +481,19 @@ def test_a_map_that_tells_free_cells_is_another_problem():
 def test_the_public_names_are_all_tried_here():
     source = Path(__file__).read_text() + Path(__file__).with_name("test_archives.py").read_text()
     untried = {
+        "FloorPlan",
+        "MovingAiScenario",
         "Path",
         "Robot",
+        "read_geojson",
+        "read_movingai_map",
+        "read_movingai_scenarios",
+        "read_picture",
+        "read_ros_map",
+        "shortest_lengths",
         "Scene",
         "TradeOff",
         "__version__",
         "from_sionna",
-    }  # results, data; test_robot.py, test_sionna.py
+    }  # results, data; test_readers.py, test_robot.py, test_shortest_lengths.py, test_sionna.py
     assert all(name in source for name in {*irs_gym.__all__} - untried)

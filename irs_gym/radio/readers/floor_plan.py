@@ -3,16 +3,19 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from pydantic import ValidationError
 from scipy.ndimage import distance_transform_edt, label
 
 from irs_gym.files import write_file
-from irs_gym.radio.scene import Scene, load_scene
+from irs_gym.grid import LARGEST
+from irs_gym.radio.scene import Scene, in_one_line, load_scene
 from irs_gym.radio.shapes import MOST_RASTER_CELLS, RasterObstacle
 
 CEILING = 3.0  # metres, where nothing else is said
@@ -79,7 +82,12 @@ def plan_of_cells(
         Further fields of a scene file.
     """
     check_cells(name, *is_blocked.shape)
-    raster = RasterObstacle.from_array(is_blocked, cell_size, origin, height)
+    height = checked_height(height)
+    try:
+        raster = RasterObstacle.from_array(is_blocked, cell_size, origin, height)
+    except ValidationError as error:
+        raise ValueError(f"{name}: {in_one_line(error)}") from None
+
     x, y, _ = raster.upper
     obstacles = [raster.model_dump(mode="json")] if is_blocked.any() else []
 
@@ -134,6 +142,15 @@ def ends_of(free: NDArray[np.bool_], cell_size: float, origin: Point) -> dict[st
     start, goal = (cells[order[[0, -1]]] + 0.5) * cell_size + origin
 
     return {"start": start.tolist(), "goal": goal.tolist()}
+
+
+def checked_height(height: Any) -> float:
+    """A height in metres; a ``ValueError`` where it is none."""
+    is_number = isinstance(height, Real) and not isinstance(height, bool)
+    if not is_number or not 0 < height <= LARGEST:
+        raise ValueError(f"height={height!r} must be a positive number of metres")
+
+    return float(height)
 
 
 def check_cells(name: str, columns: int, rows: int) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from irs_gym.files import as_path, read_file
-from irs_gym.radio.readers.floor_plan import CEILING, FloorPlan, ends_of, plan_of
+from irs_gym.radio.readers.floor_plan import CEILING, FloorPlan, checked_height, ends_of, plan_of
 from irs_gym.radio.scene import in_one_line
 from irs_gym.radio.shapes import PolygonObstacle
 
@@ -50,10 +50,23 @@ def read_geojson(path: str | Path, unit: Unit = "m", height: float = CEILING) ->
     ValueError
         Where it is no such file, or damaged: a polygon that crosses itself, say; the message names
         file and feature.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> hall = [[[0, 0], [8, 0], [8, 5], [0, 0]]]
+    >>> geometry = {"type": "Polygon", "coordinates": hall}
+    >>> feature = {"type": "Feature", "properties": {"room": True}, "geometry": geometry}
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "hall.geojson"
+    ...     _ = file.write_text(json.dumps(feature))
+    ...     len(read_geojson(file).data["room"]["polygon"])
+    4
     """
     place = as_path(path, "path")
     if unit not in ("m", "deg"):
         raise ValueError(f"unit={unit!r} must be 'm' or 'deg'")
+    height = checked_height(height)
 
     try:
         polygons = _polygons(_parsed(place), unit)

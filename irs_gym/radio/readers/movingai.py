@@ -75,7 +75,7 @@ class MovingAiScenario:
 def read_movingai_map(
     path: str | Path, cell_size: float = 1.0, height: float = CEILING
 ) -> FloorPlan:
-    """Floor plan of a ``.map`` file of the MovingAI benchmarks; water is blocked.
+    r"""Floor plan of a ``.map`` file of the MovingAI benchmarks; water is blocked.
 
     Parameters
     ----------
@@ -92,6 +92,15 @@ def read_movingai_map(
         Where there is no such file.
     ValueError
         Where it is damaged, or too large; the message names file and field.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "hall.map"
+    ...     _ = file.write_text("type octile\nheight 2\nwidth 3\nmap\n..@\n.T.\n")
+    ...     read_movingai_map(file).data["obstacles"][0]["rows"]
+    ['..#', '.#.']
     """
     place = as_path(path, "path")
     return plan_of_map(place.stem, load_movingai(place), cell_size, height)
@@ -146,7 +155,7 @@ def load_movingai(path: Path) -> MovingAiMap:
 
 
 def read_movingai_scenarios(path: str | Path) -> tuple[MovingAiScenario, ...]:
-    """The tasks of a ``.scen`` file.
+    r"""The tasks of a ``.scen`` file.
 
     Raises
     ------
@@ -154,6 +163,15 @@ def read_movingai_scenarios(path: str | Path) -> tuple[MovingAiScenario, ...]:
         Where there is no such file.
     ValueError
         Where it is damaged; the message names file and line.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "hall.map.scen"
+    ...     _ = file.write_text("version 1\n0 hall.map 3 2 0 0 2 1 2.41421\n")
+    ...     read_movingai_scenarios(file)[0].goal  # y runs downwards in the file
+    (2, 0)
     """
     place = as_path(path, "path")
     lines = _text(place, _SCEN_BYTES).splitlines()

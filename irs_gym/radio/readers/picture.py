@@ -48,6 +48,15 @@ def read_picture(
     ValueError
         Where it is no such picture, damaged or too large, or an argument is out of its range; the
         message names file or argument.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "hall.png"
+    ...     Image.fromarray(np.array([[0, 255, 255], [255, 255, 0]], dtype=np.uint8)).save(file)
+    ...     read_picture(file, metres_per_pixel=0.1).data["obstacles"][0]["rows"]
+    ['#..', '..#']
     """
     place = as_path(path, "path")
     try:

@@ -39,7 +39,7 @@ class _Settings(BaseModel):
 def read_ros_map(
     path: str | Path, height: float = CEILING, *, unknown_is_free: bool = False
 ) -> FloorPlan:
-    """Floor plan of a map of map_server: ``map.yaml``, and the PGM or PNG file that it names.
+    r"""Floor plan of a map of map_server: ``map.yaml``, and the PGM or PNG file that it names.
 
     A pixel's occupancy is 1 where it is black and 0 where it is white, or the other way round with
     ``negate``. Above ``occupied_thresh`` it is blocked, below ``free_thresh`` free, and between
@@ -61,6 +61,18 @@ def read_ros_map(
     ValueError
         Where one is damaged or too large, or the map is turned or of another mode; the message
         names file and field.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> said = "image: map.pgm\nresolution: 0.05\norigin: [-1.0, 0.0, 0.0]\nnegate: 0\n"
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "map.yaml"
+    ...     _ = file.write_text(said + "occupied_thresh: 0.65\nfree_thresh: 0.196\n")
+    ...     shades = bytes([0, 254, 205, 0, 254, 205])
+    ...     _ = file.with_name("map.pgm").write_bytes(b"P5 3 2 255\n" + shades)
+    ...     read_ros_map(file).data["obstacles"][0]["rows"]
+    ['#.#', '#.#']
     """
     place = as_path(path, "path")
     settings = _settings(place)

@@ -16,8 +16,10 @@ from irs_gym.radio.shapes import PolygonObstacle, PolygonRoom, RasterObstacle
 OUTSIDE = -1  # among the numbers of obstacles, that of what lies around the room
 
 _BLOCK = 2**16  # points or lines that are tested at a time: bounds memory
-_MOST_CORNERS = 256  # of one area in the tree: larger ones are cut up
+_MOST_CORNERS = 64  # of one area in the tree: larger ones are cut up
+_FEW_CORNERS = 8  # and those of which are not worth it, though they fill little of their box
 _OVERLAP = 1e-6  # metres, far more than `TOUCH`
+_ASIDE = 1e-3  # metres, far more than that
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -147,10 +149,15 @@ def _seams(pieces: NDArray[Any], smaller: NDArray[Any], owner: Ints) -> NDArray[
     # between those that overlap there is none
     are_apart = ~shapely.intersects(smaller[one], smaller[other])
 
+    first = pieces[one[are_apart]]
+    second = pieces[other[are_apart]]
+
     # sides that are one but for the rounding of their corners become one
-    return np.asarray(
-        shapely.union(pieces[one[are_apart]], pieces[other[are_apart]], grid_size=TOUCH / 10)
-    )
+    both = shapely.union(first, second, grid_size=TOUCH / 10)
+    low = np.maximum(shapely.bounds(first), shapely.bounds(second))[:, :2] - _ASIDE
+    high = np.minimum(shapely.bounds(first), shapely.bounds(second))[:, 2:] + _ASIDE
+
+    return np.asarray(shapely.intersection(both, shapely.box(*low.T, *high.T)))
 
 
 def _pieces(area: Any) -> list[Any]:
@@ -162,7 +169,9 @@ def _pieces(area: Any) -> list[Any]:
 
     while waiting:
         part = waiting.pop()
-        if shapely.get_num_coordinates(part) <= _MOST_CORNERS:
+        corners = shapely.get_num_coordinates(part)
+        is_sparse = corners > _FEW_CORNERS and part.area < shapely.box(*part.bounds).area / 2
+        if corners <= _MOST_CORNERS and not is_sparse:
             pieces.append(part)
             continue
 

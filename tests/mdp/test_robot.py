@@ -123,7 +123,7 @@ def test_a_move_is_refused_where_the_disc_meets_a_box(radius):
                 met += is_met
                 kept += not is_met
     assert kept > 250
-    assert met > 10
+    assert met > 3
 
 
 @pytest.mark.parametrize("radius", [0.2, 0.25, 0.3, 1.0])

@@ -18,6 +18,7 @@ input that was found.
 
 import argparse
 import contextlib
+import copy
 import faulthandler
 import functools
 import io
@@ -166,7 +167,8 @@ def places(part: Any) -> Iterator[tuple[Any, Any]]:
 def mutated(tree: Any, wanted: list[tuple[int, str, Any]]) -> Any:
     """A copy of a tree of JSON with some of its values put, dropped, doubled or added to."""
     tree = json.loads(json.dumps(tree))
-    for number, how, value in wanted:
+    for number, how, drawn in wanted:
+        value = copy.deepcopy(drawn)  # one value may be drawn twice: a tree must not hold itself
         found = [
             each
             for each in places(tree)
@@ -209,6 +211,53 @@ def as_json(tree: Any) -> bytes:
 # --- scenes ---------------------------------------------------------------------------------------
 
 
+# What a scene of format 2 has beyond one of format 1.
+FORMAT_2: list[dict[str, Any]] = [
+    {
+        "obstacles": [
+            {"polygon": [[-6, -6], [-2, -7], [-3, -3]], "height": 2.0},
+            {
+                "polygon": [[2, -6], [7, -6], [7, -2], [2, -2]],
+                "holes": [[[3, -5], [6, -5], [6, -3], [3, -3]]],
+                "height": 1.3,
+            },
+        ],
+        "path_loss": "InF-DL",
+    },
+    {
+        "obstacles": [
+            {
+                "origin": [-4, -2],
+                "cell_size": 0.5,
+                "rows": ["##..##", "######", ".#..#."],
+                "height": 2,
+            },
+            {"center": [5, 5], "size": [2, 0.2, 3]},
+        ],
+        "path_loss": {"wall_loss_db": 3.4},
+    },
+    {
+        "room": {
+            "polygon": [[-10, -10], [10, -10], [10, 4], [2, 10], [-10, 10]],
+            "holes": [[[-1, -1], [1, -1], [0, 1]]],
+            "height": 5.0,
+        },
+        "obstacles": [{"polygon": [[4, -6], [6, -6], [5, -4]], "height": 5.0}],
+        "access_points": [{"position": [-10, 5, 2]}],
+        "irs_panels": [
+            {
+                "position": [6, 7, 2],
+                "wall": 143.1301,
+                "columns": 4,
+                "rows": 3,
+                "elements_per_subsurface": [1, 5],
+                "pitch_wavelengths": 0.5,
+            }
+        ],
+    },
+]
+
+
 def scenes(folder: Path) -> Callable[[], None]:
     """Scene files, their maps and their environments."""
     from irs_gym import build_radio_map, load_scene
@@ -216,6 +265,7 @@ def scenes(folder: Path) -> Callable[[], None]:
     from irs_gym.radio.scene import load_scenes, scene_names
 
     bases = [json.loads(load_scene(name).model_dump_json()) for name in scene_names()]
+    bases += [{**bases[0], "format_version": 2, **each} for each in FORMAT_2]
     file = folder / "scene.json"
 
     @given(
@@ -470,11 +520,17 @@ def arguments(folder: Path) -> Callable[[], None]:
         st.sampled_from(arrays[:2]) | anything,
     )
     cells_of = st.lists(st.sampled_from(cells), max_size=2) | anything
+    stack = st.sampled_from([np.zeros((2, 4, 4)), np.stack([gain] * 3), gain[None]]) | anything
+    paper, none, size = st.just("paper") | anything, st.none() | anything, st.just(3) | anything
+    target, coarse = st.just(-61.8) | anything, st.just(2.0) | anything
+    beams = irs_gym.dft_codebook("paper", 2)
     functions: list[tuple[Callable[..., Any], list[Any]]] = [
         (irs_gym.shortest_path, [array, cell, cell, number]),
         (irs_gym.distance_to_go, [array, cell, number]),
         (irs_gym.highest_feasible_target, [array, cell, cell]),
         (irs_gym.trade_off, [array, cell, cell, number]),
+        (irs_gym.pareto_front, [array, cell, cell, number]),
+        (irs_gym.budget_to_go, [array, cell, number, number]),
         (irs_gym.straight_line_bound, [array, cell, cell, number]),
         (irs_gym.shortest_lengths, [array, cells_of, cells_of, number]),
         (lambda *parts: irs_gym.Robot(**dict(zip(ROBOT, parts, strict=True))), [anything] * 3),
@@ -498,6 +554,18 @@ def arguments(folder: Path) -> Callable[[], None]:
             [st.just("paper") | anything, number, st.none() | anything, st.none() | anything],
         ),
         (scene_set.build_scene_set, [st.just("val") | anything, st.just(0) | anything]),
+        (irs_gym.joint_shortest_path, [stack, number, cell, cell, number, number, none]),
+        (irs_gym.joint_distance_to_go, [stack, number, cell, number, number]),
+        (irs_gym.highest_joint_target, [stack, cell, cell]),
+        (irs_gym.switch_front, [stack, number, cell, cell, number]),
+        (irs_gym.Codebook, [array, st.just("0" * 64) | anything, anything]),
+        (irs_gym.Codebook.from_array, [array, paper, none]),
+        (irs_gym.Codebook.load, [anything]),
+        (irs_gym.codebook_gain_db, [paper, st.just(beams) | anything, number, none]),
+        (irs_gym.dft_codebook, [paper, size, none, none, anything]),
+        (irs_gym.focused_codebook, [paper, st.lists(cell, max_size=2) | anything, number, none]),
+        (irs_gym.cover_codebook, [paper, size, target, coarse, none, none]),
+        (irs_gym.fewest_configurations, [paper, target, coarse, none, none]),
     ]
     names = [name for kind in (Task, RandomTask) for name in kind.__dataclass_fields__]
     given_names = st.sampled_from(

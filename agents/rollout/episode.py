@@ -75,7 +75,8 @@ def arguments_of(task: Any) -> dict[str, Any]:
 
 
 def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
-    """The environment that policies are tested in: the task's, from its fixed start.
+    """The environment that policies are tested in: the task's, from its fixed start, and with the
+    least budget, which is the hardest to keep.
 
     Raises
     ------
@@ -84,7 +85,14 @@ def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
     ValueError
         Where it cannot be made; an infeasible target included.
     """
-    return gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(replace(task, random_start=False)))
+    tested = replace(task, random_start=False, budget=task.rules.least_budget)
+
+    return gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(tested))
+
+
+def _misses(info: dict[str, Any]) -> bool:
+    """Whether the target is missed: in this cell, or with a budget, where that is exhausted."""
+    return bool(info["budget_left"] < 0 if "budget_left" in info else info["cost"] > 0)
 
 
 def roll_out(
@@ -115,7 +123,7 @@ def roll_out(
         steps = steps + 1
         total_reward = total_reward + float(reward)
         is_over = is_terminated or is_truncated
-        has_missed = has_missed or info["cost"] > 0
+        has_missed = has_missed or _misses(info)
 
     robot: Any = env.unwrapped
     path = np.asarray(robot.path)

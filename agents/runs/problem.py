@@ -9,6 +9,8 @@ from hashlib import sha256
 import numpy as np
 
 from irs_gym.grid import Cell
+from irs_gym.mdp.budget import Budget, OnExhausted, range_of
+from irs_gym.mdp.cost import CostKind
 from irs_gym.mdp.robot import Collision
 from irs_gym.mdp.task import Constraint, ForeignMap, Task, resolved
 from irs_gym.radio.irs import ArrayModel, Quantiser
@@ -40,6 +42,9 @@ class Problem:
     quantiser: Quantiser | None
     array_model: ArrayModel | None
     constraint: Constraint
+    cost: CostKind | None
+    budget: Budget | None
+    on_exhausted: OnExhausted | None
     start: Cell | None
     goal: Cell | None
     corner_cutting: bool = True
@@ -56,11 +61,15 @@ class Problem:
         if self.irs_elements not in ((), PAPER_ELEMENTS):
             parts.append(f"M = {' + '.join(map(str, self.irs_elements))}")
 
+        if self.budget is not None:
+            parts.append(f"budget {_in_words(self.budget)} ({self.cost})")
+
         usual = {
             "cell_size": 0.5,
             "quantiser": "nearest",
             "array_model": "far_field",
-            "constraint": "refuse",
+            "constraint": "budget" if self.budget is not None else "refuse",
+            "on_exhausted": "terminate",
             "robot_radius": 0.0,
             "collision": "centre",
         }
@@ -130,6 +139,7 @@ def problem_of(task: Task) -> Problem:
         elements = tuple(panel.elements for panel in whole.radio.built_scene.irs_panels)
 
     has_irs = bool(elements)
+    has_budget = task.budget is not None
 
     return Problem(
         target_db=whole.target_db,
@@ -141,10 +151,17 @@ def problem_of(task: Task) -> Problem:
         quantiser=task.quantiser if has_irs and task.phase_bits is not None else None,
         array_model=task.array_model if has_irs else None,
         constraint=task.constraint,
+        cost=task.cost if has_budget else None,
+        budget=task.budget,
+        on_exhausted=task.on_exhausted if has_budget else None,
         start=task.start,
         goal=task.goal,
         **asdict(task.rules.robot),
     )
+
+
+def _in_words(budget: Budget) -> str:
+    return " to ".join(f"{each:g}" for each in dict.fromkeys(range_of(budget)))
 
 
 def _scene_name(scene: Scene) -> str:

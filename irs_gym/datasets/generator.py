@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from irs_gym.datasets.floor_plan import draw_walls
 from irs_gym.datasets.solved_scene import SolvedScene, radio_map_of
 from irs_gym.grid import Cell, Grid, as_cell, checked_point
 from irs_gym.mdp.robot import PAPER_ROBOT, Collision, Robot
@@ -27,6 +28,7 @@ CELL_SIZE = 0.5  # metres: of the map that makes a scene feasible
 RASTER = 0.25  # metres: edges of boxes
 LONGEST = 200.0  # metres: the greatest side of a room
 MOST_BOXES = 1000
+MOST_ROOMS = 100
 FACTORIES = 10_000  # drawn before a difficulty is given up
 TRIES = 12  # tasks tried in one factory, whose map costs more than they
 LEAST_FLOOR = 0.4  # of the room: the largest piece of floor that a robot can drive on
@@ -68,6 +70,10 @@ class Difficulty:
     """Probability that a scene is drawn until it has a detour; the others are as they come, some
     with one, too.
     """
+    rooms: Range | None = None
+    """Least and greatest number of rooms that walls with doors divide the floor into, on top of the
+    boxes; None: no walls.
+    """
 
     def __post_init__(self) -> None:
         low, high = checked_point(self.sides, "sides")
@@ -85,6 +91,13 @@ class Difficulty:
             or not all(each in (*_ELEMENTS,) for each in self.panels)
         ):
             raise ValueError(f"panels={self.panels} must hold some of {tuple(_ELEMENTS)}")
+
+        if self.rooms is not None:
+            least, most = as_cell(
+                self.rooms, "rooms", "two integers, the least and the greatest number of rooms"
+            )
+            if not 1 <= least <= most <= MOST_ROOMS:
+                raise ValueError(f"rooms={self.rooms} must rise, from 1 to {MOST_ROOMS} at most")
 
         for name in ("detour", "detour_share"):
             value = getattr(self, name)
@@ -198,6 +211,8 @@ def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
         x_min=-half_x, x_max=half_x, y_min=-half_y, y_max=half_y, height=_step(rng, 4.0, 8.0, 0.5)
     )
     obstacles = tuple(_draw_box(rng, room) for _ in range(_whole(rng, *level.boxes)))
+    if level.rooms is not None:
+        obstacles += draw_walls(rng, room, _whole(rng, *level.rooms), CELL_SIZE)
     walls = _shuffled(rng, WALLS)
     access_point = AccessPoint(position=_on_wall(rng, room, walls[0], 1.5, room.height - 0.5))
     kinds = _ELEMENTS[level.panels[_whole(rng, 0, len(level.panels) - 1)]]

@@ -40,6 +40,9 @@ def _centre(room: Room | PolygonRoom) -> Point2:
 
 
 def _image(scene: Scene, is_transposed: bool, is_mirrored_x: bool, is_mirrored_y: bool) -> Scene:
+    if not (is_transposed or is_mirrored_x or is_mirrored_y):
+        return scene
+
     room = scene.room
     centre_x, centre_y = _centre(room)
 

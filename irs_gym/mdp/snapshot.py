@@ -4,7 +4,7 @@ from struct import Struct
 from typing import NamedTuple
 from zlib import crc32
 
-_LAYOUT = Struct("<8sIIIIdI??")
+_LAYOUT = Struct("<8sIIIIdIdd??")
 _CHECK = Struct("<I")
 
 
@@ -13,7 +13,7 @@ class Snapshot(NamedTuple):
 
     Examples
     --------
-    >>> here = Snapshot(b"8 bytes.", 0, 5, 1599, 46, 0.5, 2, False, True)
+    >>> here = Snapshot(b"8 bytes.", 0, 5, 1599, 46, 0.5, 2, 0.0, 0.0, False, True)
     >>> Snapshot.from_bytes(here.to_bytes()) == here
     True
     """
@@ -25,11 +25,13 @@ class Snapshot(NamedTuple):
     cell: int
     distance: float  # metres travelled
     refused: int
+    budget: float  # total cost that the episode may come to, and what it has come to; 0 without one
+    spent: float
     has_violated: bool
     is_running: bool
 
     def to_bytes(self) -> bytes:
-        """The snapshot as 42 bytes, the last four of them a checksum."""
+        """The snapshot as 58 bytes, the last four of them a checksum."""
         content = _LAYOUT.pack(*self)
         return content + _CHECK.pack(crc32(content))
 

@@ -392,15 +392,17 @@ def flat_cell(array: NDArray[np.generic], cell: Cell, name: str) -> int:
 def for_radius(
     gain_db: NDArray[np.float64], robot_radius: float, cell_size: float | None
 ) -> NDArray[np.float64]:
-    """The gains with -inf wherever a robot of that radius cannot be, see
-    `irs_gym.grid.with_clearance`.
+    """The gains ``(..., X, Y)``, of one map or of several configurations, with -inf wherever a
+    robot of that radius cannot be; see `irs_gym.grid.with_clearance`.
     """
     if not checked_radius(robot_radius):
         return gain_db
     if cell_size is None:
         raise ValueError(f"robot_radius={robot_radius} needs a cell_size in metres")
 
-    is_clear = with_clearance(np.isfinite(gain_db), robot_radius, checked_cell_size(cell_size))
+    maps = np.isfinite(gain_db).reshape(-1, *gain_db.shape[-2:])  # (K, X, Y)
+    free = np.asarray(maps.any(axis=0))
+    is_clear = with_clearance(free, robot_radius, checked_cell_size(cell_size))
 
     return np.where(is_clear, gain_db, -np.inf)
 

@@ -15,6 +15,7 @@ def _not_tiny(value: float) -> float:
 # micrometres.
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 Length = Annotated[float, Field(gt=0, le=1e7)]
+CellSize = Annotated[Length, AfterValidator(_not_tiny)]
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 Decibels = Annotated[float, Field(ge=-1000, le=1000)]
 Frequency = Annotated[float, Field(gt=0, le=1e6), AfterValidator(_not_tiny)]  # GHz

@@ -38,12 +38,12 @@ class PathLoss(Part):
 
 
 class MultiWall(Part):
-    """Free space, and so many dB for each wall in the way: COST 231 final report, eq. (4.7.4), of
-    one kind of wall on one floor, with a constant loss of 0.
+    """Free space, and so many dB for each wall in the way: the multi-wall model of the COST 231
+    final report, chapter 4.7, with one kind of wall, on one floor, and no constant loss.
 
-    The report has 3.4 dB for light walls (plasterboard, or full of windows), and 6.9 dB for heavy
-    ones (brick, concrete), at 1.8 GHz. Every obstacle of the scene counts as a wall, as often as
-    the straight line passes through it.
+    L = L_FS + k_w L_w. The report has L_w = 3.4 dB for light walls (plasterboard, or full of
+    windows) and 6.9 dB for heavy ones (brick, concrete), at 1.8 GHz. Every obstacle of the scene
+    counts as a wall, as often as the straight line passes through it.
     """
 
     wall_loss_db: Annotated[float, Field(ge=0, le=1000)]

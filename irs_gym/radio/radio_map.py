@@ -17,17 +17,17 @@ from numpy.typing import ArrayLike, NDArray
 from irs_gym.files import as_path, read_arrays, write_file
 from irs_gym.grid import Grid, checked_map
 from irs_gym.memory import check_memory, freeze
+from irs_gym.radio.fading import Fading, MeasuredFading, RicianFading, fading_of
 from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser, channel
 from irs_gym.radio.scene import Scene, load_scene
 from irs_gym.radio.solids import centres_of, overlooked, solids_of
 from irs_gym.units import Floats, linear_to_db
 
-_BLOCK = (
-    2**20
-)  # complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
-_ENTRY_BYTES = 160  # for each of them, at the most
+# complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
+BLOCK = 2**20
+ENTRY_BYTES = 160  # for each of them, at the most
 _CELL_BYTES = 64  # for each cell of a map that is built
-_LINK_BYTES = 400  # gone over for each cell and box in the way, for each link
+LINK_BYTES = 400  # gone over for each cell and box in the way, for each link
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,8 @@ class RadioMap:
     free
         Bool, shape ``(X, Y)``, read-only: the cells that a robot can enter, whatever the target. By
         default those where anything is received.
+    fading
+        How the instantaneous gain of each cell is distributed; None where nothing tells.
 
     Examples
     --------
@@ -56,6 +58,7 @@ class RadioMap:
     gain_db: NDArray[np.float64]
     grid: Grid = field(kw_only=True)
     free: NDArray[np.bool_] = field(kw_only=True, default=None)  # type: ignore[arg-type]  # set below
+    fading: Fading | None = field(kw_only=True, default=None)
 
     def __post_init__(self) -> None:
         gain = np.array(checked_map(self.gain_db, "gain_db", "iuf", _CELL_BYTES))
@@ -69,6 +72,9 @@ class RadioMap:
                 raise ValueError(f"free has the shape {free.shape}, gain_db {gain.shape}")
             gain[~free] = -np.inf
 
+        if self.fading is not None and self.fading.shape != gain.shape:
+            raise ValueError(f"fading has the shape {self.fading.shape}, gain_db {gain.shape}")
+
         freeze(gain, free)
         object.__setattr__(self, "gain_db", gain)
         object.__setattr__(self, "free", free)
@@ -80,6 +86,7 @@ class RadioMap:
         cell_size: float,
         origin: tuple[float, float] = (0.0, 0.0),
         free: ArrayLike | None = None,
+        fading: Fading | None = None,
     ) -> "RadioMap":
         """Radio map measured or computed elsewhere.
 
@@ -94,6 +101,9 @@ class RadioMap:
         free
             Bool, shape ``(X, Y)``: the cells that a robot can enter, where some of them receive
             nothing.
+        fading
+            A `irs_gym.radio.fading.RicianFading` or `irs_gym.radio.fading.MeasuredFading`, for
+            `irs_gym.cost_map`.
 
         Raises
         ------
@@ -103,15 +113,12 @@ class RadioMap:
         """
         gain = checked_map(gain_db, "gain_db", "iuf", _CELL_BYTES)
         grid = Grid((gain.shape[0], gain.shape[1]), cell_size, origin)
-        return cls(gain, grid=grid, free=free)  # type: ignore[arg-type]  # made an array there
+        return cls(gain, grid=grid, free=free, fading=fading)  # type: ignore[arg-type]  # made an array
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> "RadioMap":
         """Map of what `to_data` gives; a ``ValueError`` says what is wrong with it."""
-        if set(data) not in (
-            {"gain_db", "cell_size", "origin"},
-            {"gain_db", "cell_size", "origin", "free"},
-        ):
+        if set(data) - {"free", "fading"} != {"gain_db", "cell_size", "origin"}:
             raise ValueError(
                 f"radio_map holds {sorted(map(str, data))}, not gain_db, cell_size and origin"
             )
@@ -120,15 +127,22 @@ class RadioMap:
             gain_db = [
                 [-np.inf if gain is None else gain for gain in row] for row in data["gain_db"]
             ]
-            return cls.from_array(gain_db, data["cell_size"], (*data["origin"],), data.get("free"))
+            return cls.from_array(
+                gain_db,
+                data["cell_size"],
+                (*data["origin"],),
+                data.get("free"),
+                fading_of(data.get("fading", {})),
+            )
         except (TypeError, ValueError) as error:
             raise ValueError(f"radio_map: {error}") from None
 
-    def to_data(self) -> dict[str, Any]:
+    def to_data(self, fading: bool | None = None) -> dict[str, Any]:
         """The map as JSON can hold it: lists ``gain_db``, with None for -inf, and ``origin``;
         ``cell_size``.
 
-        ``free`` is among it where a free cell receives nothing.
+        ``free`` is among it where a free cell receives nothing, and a dict ``fading`` where it is
+        known and asked for; by default, where it was measured, so that no scene tells it again.
         """
         data: dict[str, Any] = {
             "gain_db": [
@@ -137,11 +151,13 @@ class RadioMap:
             "cell_size": float(self.grid.cell_size),
             "origin": [float(metres) for metres in self.grid.origin],
         }
-        return (
-            data
-            if (self.free == np.isfinite(self.gain_db)).all()
-            else {**data, "free": self.free.tolist()}
-        )
+        if not np.array_equal(self.free, np.isfinite(self.gain_db)):
+            data["free"] = self.free.tolist()
+        kept = self._kept_fading(fading)
+        if kept:
+            data["fading"] = {name: each.tolist() for name, each in kept.items()}
+
+        return data
 
     def feasible(self, target_db: float) -> NDArray[np.bool_]:
         """The feasible map Pi of eq. (16): cells at or above the target, shape ``(X, Y)``."""
@@ -149,8 +165,8 @@ class RadioMap:
             raise ValueError("target_db is NaN: it must be a number of dB")
         return self.free & (self.gain_db >= target_db)
 
-    def save(self, path: str | Path) -> None:
-        """Write the map as an ``.npz`` file, atomically."""
+    def save(self, path: str | Path, fading: bool | None = None) -> None:
+        """Write the map as an ``.npz`` file, atomically; for ``fading`` see `to_data`."""
         arrays: dict[str, Any] = {
             "format_version": np.int64(1),
             "gain_db": self.gain_db,
@@ -159,10 +175,16 @@ class RadioMap:
         }
         if not np.array_equal(self.free, np.isfinite(self.gain_db)):
             arrays["free"] = self.free
+        arrays |= self._kept_fading(fading)
 
         content = BytesIO()
         np.savez_compressed(content, **arrays)
         write_file(Path(path), content.getvalue())
+
+    def _kept_fading(self, asked: bool | None) -> dict[str, Floats]:
+        """Arrays of the fading where they are asked for, by default where they were measured."""
+        is_kept = isinstance(self.fading, MeasuredFading) if asked is None else asked
+        return dict(vars(self.fading)) if is_kept and self.fading is not None else {}
 
     @classmethod
     def load(cls, path: str | Path) -> "RadioMap":
@@ -189,6 +211,7 @@ class RadioMap:
                 _scalar(arrays, "cell_size"),
                 arrays["origin"].tolist(),
                 arrays.get("free"),
+                fading_of(arrays),
             )
         except ValueError as error:
             raise ValueError(f"{str(place)!r} is not a radio map: {error}") from None
@@ -288,8 +311,8 @@ def build_radio_map(
     -------
     RadioMap
         With ``gain_db`` of shape ``(X, Y)``, -inf in cells whose centre lies strictly inside an
-        obstacle. With several access points, each cell is served by the one that gives it the
-        highest gain.
+        obstacle, or outside a room that is a polygon. With several access points, each cell is
+        served by the one that gives it the highest gain.
 
     Warns
     -----
@@ -346,7 +369,7 @@ def build_phase_shifts(
     shifts = _no_shifts(model, needs_shifts=True)
     by_cell = shifts.reshape(shifts.shape[0] * shifts.shape[1], -1)  # (X * Y, N), a view
 
-    for cells, _, held in _receive(model, needs_shifts=True):
+    for cells, _, _, held in _receive(model, needs_shifts=True):
         by_cell[cells] = held
 
     return shifts
@@ -362,15 +385,19 @@ def build_map_and_shifts(
     _check_work(model, needs_shifts=needs_shifts)
     grid = model.grid
     gain_db = np.full(grid.shape, -np.inf)
+    los_gain = np.zeros(grid.shape)
+    scattered_gain = np.zeros(grid.shape)
     shifts = _no_shifts(model, needs_shifts=needs_shifts)
     by_cell = shifts.reshape(gain_db.size, -1)  # (X * Y, N), a view
 
-    for cells, gains, held in _receive(model, needs_shifts=needs_shifts):
-        _check_gains(grid, cells, gains)
+    for cells, gains, scattered, held in _receive(model, needs_shifts=needs_shifts):
+        check_gains(grid, cells, gains)
         gain_db.flat[cells] = linear_to_db(gains)
+        los_gain.flat[cells] = np.maximum(gains - scattered, 0.0)
+        scattered_gain.flat[cells] = scattered
         by_cell[cells] = held
 
-    return RadioMap(gain_db, grid=grid), shifts
+    return RadioMap(gain_db, grid=grid, fading=RicianFading(los_gain, scattered_gain)), shifts
 
 
 def as_scene(scene: Scene | str | Path) -> Scene:
@@ -386,34 +413,49 @@ def _scalar(arrays: dict[str, NDArray[Any]], name: str) -> Any:
 
 def _receive(
     model: RadioModel, *, needs_shifts: bool
-) -> Iterator[tuple[NDArray[np.int64], Floats, Floats]]:
+) -> Iterator[tuple[NDArray[np.int64], Floats, Floats, Floats]]:
     """What is received in the free cells, block by block, each from the access point that serves it
     best.
 
-    Yields flat indices of cells ``(n,)``, expected gains ``(n,)``, linear, and phase shifts ``(n,
-    N)``, or ``(n, 0)`` where none are needed.
+    Yields flat indices of cells ``(n,)``, expected gains ``(n,)``, linear, their scattered parts
+    tau ``(n,)``, and phase shifts ``(n, N)``, or ``(n, 0)`` where none are needed.
     """
     scene = model.built_scene
     hardware = model.hardware
 
-    for cells, positions in _blocks(scene, model.grid, _width(model, needs_shifts=needs_shifts)):
-        gains = np.full(len(cells), -np.inf)  # (n,)
-        shifts = np.zeros((len(cells), 0))  # (n, N) from the first access point on
+    for cells, positions in cell_blocks(
+        scene, model.grid, entries_of_a_cell(model, needs_shifts=needs_shifts)
+    ):
+        yield cells, *serve(scene, hardware, positions, needs_shifts=needs_shifts)
 
-        for n, access_point in enumerate(scene.access_points):
-            site = channel(scene, access_point, positions)
-            if needs_shifts:
-                own_gains, own_shifts = site.gain_and_shifts(hardware)
-            else:
-                own_gains, own_shifts = site.expected_gain(hardware), shifts
 
-            # Of equal access points the first serves. The best so far is kept, not the shifts of
-            # all to choose from: a block of shifts is large.
-            is_better = own_gains > gains
-            shifts = own_shifts if n == 0 else np.where(is_better[:, None], own_shifts, shifts)
-            gains = np.maximum(gains, own_gains)
+def serve(
+    scene: Scene, hardware: Hardware, positions: Floats, *, needs_shifts: bool
+) -> tuple[Floats, Floats, Floats]:
+    """What is received at positions ``(n, 3)`` from the access point that serves each best.
 
-        yield cells, gains, shifts
+    Returns expected gains ``(n,)`` and their scattered parts ``(n,)``, both linear, and phase
+    shifts ``(n, N)``, or ``(n, 0)`` where none are needed.
+    """
+    gains = np.full(len(positions), -np.inf)  # (n,)
+    scattered = np.zeros(len(positions))  # (n,)
+    shifts = np.zeros((len(positions), 0))  # (n, N) from the first access point on
+
+    for n, access_point in enumerate(scene.access_points):
+        site = channel(scene, access_point, positions)
+        if needs_shifts:
+            own_gains, own_shifts = site.gain_and_shifts(hardware)
+        else:
+            own_gains, own_shifts = site.expected_gain(hardware), shifts
+
+        # Of equal access points the first serves. The best so far is kept, not the shifts of all to
+        # choose from: a block of shifts is large.
+        is_better = own_gains > gains
+        shifts = own_shifts if n == 0 else np.where(is_better[:, None], own_shifts, shifts)
+        scattered = np.where(is_better, site.scattered_power(), scattered)
+        gains = np.maximum(gains, own_gains)
+
+    return gains, scattered, shifts
 
 
 def _no_shifts(model: RadioModel, *, needs_shifts: bool) -> NDArray[np.float32]:
@@ -424,7 +466,7 @@ def _no_shifts(model: RadioModel, *, needs_shifts: bool) -> NDArray[np.float32]:
     return np.zeros((*model.grid.shape, subsurfaces), dtype=np.float32)
 
 
-def _width(model: RadioModel, *, needs_shifts: bool) -> int:
+def entries_of_a_cell(model: RadioModel, *, needs_shifts: bool) -> int:
     """Complex entries for each cell: elements or sub-surfaces of the largest panel, 0 where sums
     need no array.
     """
@@ -443,7 +485,7 @@ def _check_work(model: RadioModel, *, needs_shifts: bool) -> None:
     what makes it large.
     """
     scene = model.built_scene
-    width = _width(model, needs_shifts=needs_shifts)
+    width = entries_of_a_cell(model, needs_shifts=needs_shifts)
     grid = model.grid
     cells = grid.shape[0] * grid.shape[1]
     if needs_shifts:
@@ -454,25 +496,25 @@ def _check_work(model: RadioModel, *, needs_shifts: bool) -> None:
             4.0 * subsurfaces * cells,
         )
 
-    block = max(_BLOCK, width)
+    block = max(BLOCK, width)
     grid.check_memory(_CELL_BYTES)
     links = len(scene.access_points) * (1 + len(scene.irs_panels))
     entries = len(scene.access_points) * max(1, len(scene.irs_panels)) * width
     check_memory(
         f"irs_elements: {width} elements or sub-surfaces for each of {cells} cells, "
         f"at cell_size={grid.cell_size},",
-        min(block, cells * width) * max(1, len(scene.irs_panels)) * _ENTRY_BYTES,
-        cells * entries * _ENTRY_BYTES,
+        min(block, cells * width) * max(1, len(scene.irs_panels)) * ENTRY_BYTES,
+        cells * entries * ENTRY_BYTES,
     )
     check_memory(
         f"cell_size={grid.cell_size}: {links} links past {len(scene.obstacles)} obstacles "
         f"to each of {cells} cells",
         0,
-        cells * links * (1 + len(scene.obstacles)) * _LINK_BYTES,
+        cells * links * (1 + scene.floor.tests) * LINK_BYTES,
     )
 
 
-def _check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
+def check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
     """Refuse gains that are no positive numbers: they would pass for obstacles."""
     wrong = np.flatnonzero(~((gains > 0) & (gains < np.inf)))
     if len(wrong):
@@ -485,11 +527,11 @@ def _check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
         )
 
 
-def _blocks(scene: Scene, grid: Grid, width: int) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+def cell_blocks(scene: Scene, grid: Grid, width: int) -> Iterator[tuple[NDArray[np.int64], Floats]]:
     """Free cells as flat indices ``(n,)`` and antenna positions ``(n, 3)``, block by block."""
     floor = grid.centres().reshape(-1, 2)
     free = np.flatnonzero(~scene.floor.is_covered(floor))
-    block = max(1, min(2**15, _BLOCK // width)) if width else 2**15
+    block = max(1, min(2**15, BLOCK // width)) if width else 2**15
 
     for first in range(0, len(free), block):
         cells = free[first : first + block]

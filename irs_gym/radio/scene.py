@@ -192,6 +192,10 @@ AnyRoom = Annotated[
 class Scene(Part):
     """A factory and the task in it. Lengths in metres, z = 0 on the floor.
 
+    In format 1 room and obstacles are boxes along the axes. In format 2 obstacles may be polygons
+    and rasters as well (`irs_gym.radio.shapes`), the room a polygon, a panel's wall an angle in
+    degrees, and path loss a name or so many dB a wall (`irs_gym.radio.path_loss`).
+
     Any mistake raises a ``ValueError`` that names the field.
 
     Examples

@@ -10,10 +10,10 @@ import shapely
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
-from irs_gym.radio.fields import Length, Part, Point2, Point3
+from irs_gym.radio.fields import CellSize, Length, Part, Point2, Point3
 from irs_gym.radio.geometry import TOUCH
 
-MOST_CORNERS = 100_000  # of one ring
+MOST_CORNERS = 10_000  # of one ring
 MOST_RASTER_CELLS = 2**24
 BLOCKED = "#"
 FREE = "."
@@ -88,7 +88,7 @@ class RasterObstacle(Part):
     """
 
     origin: Point2  # its lower left corner
-    cell_size: Length
+    cell_size: CellSize
     rows: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_RASTER_CELLS)]
     height: Length
 

@@ -4,11 +4,12 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
-from irs_gym.grid import Cell, legal_moves
-from irs_gym.mdp.dynamics import tabulate
+from irs_gym.grid import Cell
+from irs_gym.mdp.dynamics import oracle_path
 from irs_gym.mdp.task import World
-from irs_gym.oracle.shortest_path import descend
 from irs_gym.rendering import View, draw_frame, text_frame
+
+MOST_OUTLINED = 10_000  # cells of a raster: the outline of a larger one would be a thicket
 
 RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {
     "rgb_array": draw_frame,
@@ -17,7 +18,7 @@ RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {
 
 
 @lru_cache(maxsize=32)
-def view_of(world: World, start: Cell, goal: Cell) -> View:
+def view_of(world: World, start: Cell, goal: Cell, budget: float | None = None) -> View:
     """What a picture shows besides the robot's path; kept, so that it is drawn once."""
     scene = world.scene
     radio_map = world.radio_map
@@ -30,10 +31,10 @@ def view_of(world: World, start: Cell, goal: Cell) -> View:
         start=start,
         goal=goal,
         free=radio_map.free,
-        oracle_cells=descend(
-            tabulate(world, goal).distance_to_go,
-            start,
-            radio_map.grid.cell_size,
-            legal_moves(world.feasible, **world.motion),
-        ).cells,
+        outlines=scene.floor.outlines(MOST_OUTLINED) if scene and scene.format_version > 1 else (),
+        panel_angles=tuple(
+            None if isinstance(each.wall, str) else each.wall
+            for each in (scene.irs_panels if scene else ())
+        ),
+        oracle_cells=oracle_path(world, start, goal, budget).cells,
     )

@@ -118,6 +118,8 @@ def test_a_move_is_refused_where_the_disc_meets_a_box(radius):
                 least = min(metres for metres, _ in gaps)
                 if abs(least - radius) < 1e-3 and radius:  # too near to tell by points
                     continue
+                if not radius and sum(metres == 0 for metres, _ in gaps) > 1:  # perhaps a seam
+                    continue
                 is_met = least < radius if radius else any(inside for _, inside in gaps)
                 assert fit.motion["passable"][(*cell, move)] == (not is_met)
                 met += is_met

@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 
 from irs_gym import (
+    budget_to_go,
     distance_to_go,
     highest_feasible_target,
+    highest_joint_target,
+    joint_distance_to_go,
+    joint_shortest_path,
+    pareto_front,
     shortest_path,
     straight_line_bound,
+    switch_front,
     trade_off,
 )
 from irs_gym.grid import MOVES, legal_moves, with_clearance
@@ -243,3 +249,94 @@ def test_bad_motion_is_refused_by_name(options, message):
 def test_a_radius_without_a_cell_size_is_refused():
     with pytest.raises(ValueError, match=r"robot_radius=0.3 needs a cell_size"):
         highest_feasible_target(np.full((3, 3), -60.0), (0, 0), (2, 2), robot_radius=0.3)
+
+
+# --- fronts and configurations --------------------------------------------------------------------
+
+
+def paths_by_brute_force(cost, start, goal):
+    """The undominated pairs of cost and length over all simple paths."""
+    graph = graph_of(np.isfinite(cost))
+    found = set()
+    for path in nx.all_simple_paths(graph, start, goal):
+        length = sum(graph.edges[move]["weight"] for move in pairwise(path))
+        found.add((float(sum(cost[cell] for cell in path)), round(length, 9)))
+    return sorted(
+        (cost, length)
+        for cost, length in found
+        if not any(c <= cost and d <= length and (c, d) != (cost, length) for c, d in found)
+    )
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_fronts_without_corner_cutting_equal_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    cost = rng.integers(0, 4, (4, 3)).astype(float)
+    cost[rng.random(cost.shape) < 0.2] = inf
+    cost[0, 0] = cost[3, 2] = 1.0
+    expected = paths_by_brute_force(cost, (0, 0), (3, 2))
+    if not expected:
+        with pytest.raises(ValueError, match="no path leads"):
+            pareto_front(cost, (0, 0), (3, 2), 1.0, corner_cutting=False)
+        return
+
+    front = pareto_front(cost, (0, 0), (3, 2), 1.0, corner_cutting=False)
+    found = zip(front.costs, front.distances, strict=True)
+    np.testing.assert_allclose(list(found), expected, atol=1e-9)
+    to_go = budget_to_go(cost, (3, 2), 1.0, most=100, corner_cutting=False)
+    for paid, length in expected:
+        assert to_go.distance(0, paid - 1.0) == pytest.approx(length)
+
+
+def joint_graph(gain_db, target_db, switch_cost):
+    """Moves under each configuration, and switches in place."""
+    graph = nx.Graph()
+    for k, gains in enumerate(gain_db):
+        for first, second, data in graph_of(gains >= target_db).edges(data=True):
+            graph.add_edge((k, first), (k, second), **data)
+        graph.add_nodes_from((k, tuple(c)) for c in np.argwhere(gains >= target_db).tolist())
+    for k, cell in list(graph):
+        for other in range(k):
+            if (other, cell) in graph:
+                graph.add_edge((k, cell), (other, cell), weight=switch_cost)
+    return graph
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_the_joint_oracle_without_corner_cutting_equals_networkx(seed):
+    rng = np.random.default_rng(seed)
+    gain_db = rng.integers(-70, -60, (3, 6, 5)).astype(float)
+    gain_db[:, rng.random((6, 5)) < 0.15] = -inf
+    start, goal = (0, 0), (5, 4)
+    options = {"corner_cutting": False}
+    levels = np.unique(gain_db[np.isfinite(gain_db)])
+    joined = []
+    for level in levels:
+        graph = joint_graph(gain_db, level, 0.3)
+        to_go = joint_distance_to_go(gain_db, level, goal, 1.0, 0.3, **options)
+        ends = [(k, goal) for k in range(3) if (k, goal) in graph]
+        lengths = nx.multi_source_dijkstra_path_length(graph, ends) if ends else {}
+        for k, cell in graph:
+            assert to_go[k][cell] == pytest.approx(lengths.get((k, cell), inf), abs=1e-6)
+        starts = [k for k in range(3) if (k, start) in lengths]
+        if starts:
+            joined.append(level)
+            path = joint_shortest_path(gain_db, level, start, goal, 1.0, 0.3, starts[0], **options)
+            assert path.distance == pytest.approx(lengths[starts[0], start], abs=1e-6)
+            front = switch_front(gain_db, level, start, goal, 1.0, **options)
+            free = joint_shortest_path(gain_db, level, start, goal, 1.0, 0.0, starts[0], **options)
+            assert front.distances[-1] == pytest.approx(free.distance)
+    assert highest_joint_target(gain_db, start, goal, **options) == max(joined, default=-inf)
+
+
+def test_the_joint_oracle_takes_a_radius_as_a_map_with_fewer_cells():
+    gain_db = np.full((2, 9, 7), -60.0)
+    gain_db[:, 4, :3] = -inf
+    ends, options = ((1, 1), (7, 1)), {"robot_radius": 0.6}
+    near = joint_shortest_path(gain_db, -65.0, *ends, 1.0)
+    far = joint_shortest_path(gain_db, -65.0, *ends, 1.0, **options)
+    assert near.distance < far.distance
+    fewer = np.where(with_clearance(np.isfinite(gain_db[0]), 0.6, 1.0), gain_db, -inf)
+    assert far.distance == joint_shortest_path(fewer, -65.0, *ends, 1.0).distance
+    assert far.distance == switch_front(gain_db, -65.0, *ends, 1.0, **options).distances[-1]
+    assert highest_joint_target(gain_db, (0, 0), ends[1], cell_size=1.0, **options) == -inf

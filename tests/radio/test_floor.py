@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from irs_gym import build_radio_map
+from irs_gym import build_radio_map, focused_codebook
 from irs_gym.radio.geometry import Boxes
 from irs_gym.radio.irs import Hardware, channel
 from irs_gym.radio.obstacles.floor import Floor
@@ -471,3 +471,10 @@ def test_a_scene_of_format_2_survives_the_round_trip(tmp_path):
     assert again == scene
     assert hash(again) == hash(scene)
     assert Scene.from_data(again.to_data()) == scene
+
+
+def test_a_panel_is_focused_on_no_cell_inside_a_polygon():
+    scene = redrawn(PAPER, as_polygon)
+    focused_codebook(scene, [(0, 20)])
+    with pytest.raises(ValueError, match=r"cells\[1\]=\(20, 20\) lies inside an obstacle"):
+        focused_codebook(scene, [(0, 20), (20, 20)])

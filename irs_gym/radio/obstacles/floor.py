@@ -45,6 +45,13 @@ class Floor:
 
         return Prisms(parts, [np.inf] * len(parts))
 
+    @property
+    def tests(self) -> int:
+        """How many boxes, prisms and columns of cells a segment is held against at most."""
+        columns: list[int] = [min(raster.is_filled.shape) for raster in self.rasters]
+        prisms = len(self.prisms.polygons) + len(self._outside.polygons)
+        return len(self.boxes.lower) + prisms + sum(columns)
+
     @cached_property
     def footprints(self) -> tuple[Any, ...]:
         """The floor that each obstacle takes, as ``shapely`` areas: boxes, prisms, then rasters."""
@@ -52,6 +59,22 @@ class Floor:
         rasters = (raster.footprint for raster in self.rasters)
 
         return (*boxes, *self.prisms.polygons, *rasters)
+
+    def outlines(self, most_cells: int) -> tuple[Floats, ...]:
+        """The sides of all obstacles, and of a room that is a polygon, as closed lines ``(n, 2)``;
+        those of rasters of so many blocked cells at most.
+        """
+        shapes = [self.room] if self.room is not None else []
+        shapes += [*shapely.box(*self.boxes.lower[:, :2].T, *self.boxes.upper[:, :2].T)]
+        shapes += self.prisms.polygons
+        shapes += [
+            raster.footprint for raster in self.rasters if raster.is_filled.sum() <= most_cells
+        ]
+
+        polygons = shapely.get_parts(shapes)
+        rings = shapely.get_rings(polygons)
+
+        return tuple(shapely.get_coordinates(ring) for ring in rings)
 
     def is_covered(self, points: Floats) -> NDArray[np.bool_]:
         """Whether points ``(..., 2)`` in metres lie strictly inside an obstacle, or outside the

@@ -179,6 +179,12 @@ def test_the_papers_robot_crosses_boxes_between_centres_and_a_body_does_not():
 # --- environments ---------------------------------------------------------------------------------
 
 
+CONSTRAINTS = {
+    **{name: {"constraint": name} for name in ("refuse", "terminate", "allow")},
+    "budget": {"constraint": "budget", "budget": 3.0},
+}
+
+
 def arguments(robot: Robot) -> dict:
     return {
         "corner_cutting": robot.corner_cutting,
@@ -222,10 +228,11 @@ def test_masks_oracle_and_returns_of_an_environment_are_those_of_the_robot(robot
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=str)
-@pytest.mark.parametrize("constraint", ["refuse", "terminate", "allow"])
+@pytest.mark.parametrize("constraint", ["refuse", "terminate", "allow", "budget"])
 def test_vector_environments_have_the_same_robots(robot, constraint):
+    constraint = CONSTRAINTS[constraint]
     scene = {"target_db": -62.5, "start": (1, 20), "goal": (38, 20), "goal_bonus": 100.0}
-    kwargs = {**arguments(robot), "constraint": constraint, "observation": "masked"}
+    kwargs = {**arguments(robot), **constraint, "observation": "masked"}
     ours, single = both(
         "irs_gym:IrsNav-v0", 4, AutoresetMode.NEXT_STEP, random_start=0.9, **scene, **kwargs
     )
@@ -233,7 +240,7 @@ def test_vector_environments_have_the_same_robots(robot, constraint):
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=str)
-@pytest.mark.parametrize("constraint", ["refuse", "terminate", "allow"])
+@pytest.mark.parametrize("constraint", ["refuse", "terminate", "allow", "budget"])
 @pytest.mark.filterwarnings("ignore:.*cannot be solved by")
 def test_vector_environments_over_many_scenes_have_the_same_robots(robot, constraint):
     kwargs = {
@@ -241,7 +248,7 @@ def test_vector_environments_over_many_scenes_have_the_same_robots(robot, constr
         "scenes": tiny_pool(8, (9, 7)),
         "goal_bonus": 100.0,
         "max_episode_steps": 12,
-        "constraint": constraint,
+        **CONSTRAINTS[constraint],
     }
     ours, single = both(
         "irs_gym:IrsNavRandom-v0", 4, AutoresetMode.SAME_STEP, random_start=0.5, **kwargs

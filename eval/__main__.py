@@ -28,6 +28,7 @@ COMMANDS = {
     "generalisation": (
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
     ),
+    "grids": "compare the oracle with the lengths that the MovingAI benchmarks publish",
     "speed": "time the environments beside others",
     "pretrain": "keep the best policy of each algorithm on each problem in models/",
     "watch": "show a pretrained model, a run or a reference policy on its way",

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from irs_gym.mdp.configurations import cover_codebook as cover_codebook
     from irs_gym.mdp.configurations import fewest_configurations as fewest_configurations
     from irs_gym.mdp.cost import cost_map as cost_map
+    from irs_gym.mdp.robot import Robot as Robot
     from irs_gym.oracle.budget_to_go import BudgetToGo as BudgetToGo
     from irs_gym.oracle.budget_to_go import budget_to_go as budget_to_go
     from irs_gym.oracle.joint import JointPath as JointPath
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from irs_gym.oracle.joint import joint_shortest_path as joint_shortest_path
     from irs_gym.oracle.pareto_front import Front as Front
     from irs_gym.oracle.pareto_front import pareto_front as pareto_front
+    from irs_gym.oracle.shortest_lengths import shortest_lengths as shortest_lengths
     from irs_gym.oracle.shortest_path import Path as Path
     from irs_gym.oracle.shortest_path import distance_to_go as distance_to_go
     from irs_gym.oracle.shortest_path import highest_feasible_target as highest_feasible_target
@@ -42,6 +44,13 @@ if TYPE_CHECKING:
     from irs_gym.radio.radio_map import RadioMap as RadioMap
     from irs_gym.radio.radio_map import build_phase_shifts as build_phase_shifts
     from irs_gym.radio.radio_map import build_radio_map as build_radio_map
+    from irs_gym.radio.readers.floor_plan import FloorPlan as FloorPlan
+    from irs_gym.radio.readers.geojson import read_geojson as read_geojson
+    from irs_gym.radio.readers.movingai import MovingAiScenario as MovingAiScenario
+    from irs_gym.radio.readers.movingai import read_movingai_map as read_movingai_map
+    from irs_gym.radio.readers.movingai import read_movingai_scenarios as read_movingai_scenarios
+    from irs_gym.radio.readers.picture import read_picture as read_picture
+    from irs_gym.radio.readers.ros_map import read_ros_map as read_ros_map
     from irs_gym.radio.rssi import from_rssi_histograms as from_rssi_histograms
     from irs_gym.radio.scene import Scene as Scene
     from irs_gym.radio.scene import load_scene as load_scene
@@ -57,6 +66,7 @@ _HOMES = {
     "SixTuple": "envs.cost_steps",
     "VectorReward": "envs.cost_steps",
     "Grid": "grid",
+    "Robot": "mdp.robot",
     "cost_map": "mdp.cost",
     "BudgetToGo": "oracle.budget_to_go",
     "budget_to_go": "oracle.budget_to_go",
@@ -72,6 +82,7 @@ _HOMES = {
     "Path": "oracle.shortest_path",
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",
+    "shortest_lengths": "oracle.shortest_lengths",
     "shortest_path": "oracle.shortest_path",
     "outage_probability": "radio.outage",
     "Codebook": "radio.codebook",
@@ -81,6 +92,13 @@ _HOMES = {
     "RadioMap": "radio.radio_map",
     "build_phase_shifts": "radio.radio_map",
     "build_radio_map": "radio.radio_map",
+    "FloorPlan": "radio.readers.floor_plan",
+    "read_geojson": "radio.readers.geojson",
+    "MovingAiScenario": "radio.readers.movingai",
+    "read_movingai_map": "radio.readers.movingai",
+    "read_movingai_scenarios": "radio.readers.movingai",
+    "read_picture": "radio.readers.picture",
+    "read_ros_map": "radio.readers.ros_map",
     "from_rssi_histograms": "radio.rssi",
     "Scene": "radio.scene",
     "load_scene": "radio.scene",

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from math import atan2, floor, pi, sqrt
 from numbers import Real
 from operator import index
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import distance_transform_edt
 
 from irs_gym.memory import check_memory
 
@@ -33,6 +34,7 @@ LARGEST = 1e9
 
 # In cells: a point this near to a border counts as on it, whatever the rounding of its coordinates.
 _SNAP = 1e-9
+_CLEARANCE_BYTES = 120  # for each cell whose clearance is measured
 
 
 @dataclass(frozen=True)
@@ -321,22 +323,136 @@ def neighbours(values: NDArray[Any], fill: Any, axis: int = -1) -> NDArray[Any]:
     )
 
 
-def legal_moves(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of the eight moves lead from each cell to a free cell of the map.
+class Motion(TypedDict, total=False):
+    """What `legal_moves` asks of a move besides a free cell, as keyword arguments."""
 
-    A move is legal where its destination is on the map and free; diagonal moves may cut corners, as
-    in the paper's eq. (15c), which only tests the two cell centres.
+    corner_cutting: bool
+    passable: NDArray[np.bool_] | None
+
+
+def legal_moves(
+    free: NDArray[np.bool_],
+    corner_cutting: bool = True,
+    passable: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_]:
+    """Which of the eight moves lead from each cell to a free cell of the map.
 
     Parameters
     ----------
     free
         Shape ``(..., X, Y)``: the cells that may be entered.
+    corner_cutting
+        Whether a diagonal move asks for its destination alone, as in the paper's eq. (15c), which
+        only tests the two cell centres. Otherwise both cells beside it must be free as well.
+    passable
+        Shape ``(..., X, Y, 8)``: moves that the robot's body can make. None: all of them.
 
     Returns
     -------
     Shape ``(..., X, Y, 8)``, the last axis in the order of `MOVES`.
+
+    Examples
+    --------
+    >>> free = np.array([[True, False], [True, True]])
+    >>> [MOVE_NAMES[n] for n in np.flatnonzero(legal_moves(free)[0, 0])]
+    ['E', 'NE']
+    >>> [MOVE_NAMES[n] for n in np.flatnonzero(legal_moves(free, corner_cutting=False)[0, 0])]
+    ['E']
     """
-    return neighbours(free, False)
+    legal = lowest_ahead(free, False, corner_cutting)
+    return legal if passable is None else legal & passable
+
+
+def lowest_ahead(values: NDArray[Any], off_map: Any, corner_cutting: bool = True) -> NDArray[Any]:
+    """The lowest value that each move meets: that of its destination and, without corner cutting,
+    those of the two cells beside a diagonal.
+
+    ``values`` has the shape ``(..., X, Y)``, the result ``(..., X, Y, 8)``.
+    """
+    lowest = neighbours(values, off_map)
+    if not corner_cutting:
+        # a diagonal has its odd number between those of the two moves along the axes
+        straight = lowest[..., 0::2]  # (..., X, Y, 4)
+        beside = np.minimum(straight, np.roll(straight, -1, axis=-1))
+        lowest[..., 1::2] = np.minimum(lowest[..., 1::2], beside)
+
+    return lowest
+
+
+def with_clearance(
+    free: NDArray[np.bool_], robot_radius: float, cell_size: float
+) -> NDArray[np.bool_]:
+    """The free cells whose centre is at least ``robot_radius`` metres from all that is not free:
+    closed squares, and what lies beyond the map.
+
+    ``free`` and the result are of the shape ``(X, Y)``.
+
+    Examples
+    --------
+    >>> free = np.ones((4, 3), dtype=bool)
+    >>> with_clearance(free, 0.5, cell_size=0.5).astype(int).tolist()  # 0.25 m from the walls
+    [[0, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 0]]
+    """
+    robot_radius = checked_radius(robot_radius)
+    if not robot_radius:
+        return free
+
+    check_memory(f"robot_radius={robot_radius}: clearance", float(_CLEARANCE_BYTES * free.size))
+    # Points half a cell apart: centres have odd numbers. The point of a closed square that is the
+    # nearest to a centre is among them. Each belongs to the squares from `low` to `high`.
+    blocked = np.pad(~free, 1, constant_values=True)  # (X + 2, Y + 2)
+    columns, rows = (np.arange(2 * n + 1) for n in free.shape)
+    is_clear = np.ones((len(columns), len(rows)), dtype=bool)
+
+    for i in ((columns + 1) // 2, columns // 2 + 1):
+        for j in ((rows + 1) // 2, rows // 2 + 1):
+            is_clear &= ~blocked[np.ix_(i, j)]
+
+    metres = distance_transform_edt(is_clear)[1::2, 1::2] * (cell_size / 2)  # (X, Y)
+
+    return np.asarray(free & (metres >= robot_radius * (1 - _SNAP)))
+
+
+def checked_radius(robot_radius: Any) -> float:
+    """The radius of a robot in metres; a ``ValueError`` where it is none from 0."""
+    is_number = isinstance(robot_radius, Real) and not isinstance(robot_radius, bool)
+    if not is_number or not 0 <= robot_radius <= LARGEST:
+        raise ValueError(
+            f"robot_radius={robot_radius!r} must be a number of metres from 0 to {LARGEST}"
+        )
+
+    return float(robot_radius)
+
+
+def checked_motion(
+    corner_cutting: Any, passable: Any, shape: tuple[int, ...], name: str = "passable"
+) -> Motion:
+    """Arguments for `legal_moves` on a map of that shape ``(X, Y)``; a ``ValueError`` names the one
+    at fault.
+
+    Moves must be passable there and back, since paths are searched from either end.
+    """
+    if not isinstance(corner_cutting, bool | np.bool_):
+        raise ValueError(f"corner_cutting={corner_cutting!r} must be True or False")
+    if passable is None:
+        return {"corner_cutting": bool(corner_cutting), "passable": None}
+
+    moves = np.asarray(passable)
+    if moves.dtype != bool or moves.shape != (*shape, len(MOVES)):
+        raise ValueError(
+            f"{name} has the shape {moves.shape} and the type {moves.dtype}, "
+            f"but a bool for each cell and move is needed: {(*shape, len(MOVES))}"
+        )
+
+    on_map = neighbours(np.ones(shape, dtype=bool), False)  # (X, Y, 8)
+    for move in range(len(MOVES) // 2):
+        back = neighbours(moves[..., move + 4], False)[..., move]  # (X, Y)
+        if ((moves[..., move] != back) & on_map[..., move]).any():
+            raise ValueError(
+                f"{name} holds a move {MOVE_NAMES[move]} that cannot be made both there and back"
+            )
+
+    return {"corner_cutting": bool(corner_cutting), "passable": moves}
 
 
 def nearest_move(x: float, y: float) -> int:

@@ -41,6 +41,7 @@ from typing import Any
 import numpy as np
 from hypothesis import HealthCheck, assume, given, seed, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 30
@@ -48,6 +49,10 @@ MEMORY = "512MiB"  # IRS_GYM_MEMORY of all targets
 BYTES = 3 * 2**29  # of address space beyond what a target holds when it begins
 OURS = tuple(str(ROOT / each) + os.sep for each in ("irs_gym", "agents", "train", "eval"))
 
+
+ROBOT = ("corner_cutting", "robot_radius", "collision")
+# Of scenes: what robots drive through, and which they cannot solve.
+MEANT = r".*(no cell is blocked by|scenes cannot be solved by)"
 
 COUNTS = {"taken": 0, "refused": 0}
 
@@ -79,6 +84,7 @@ def judged() -> Iterator[None]:
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("error", module=r"(irs_gym|agents|train|eval)(\.|$)")
+            warnings.filterwarnings("ignore", message=MEANT)
             yield
             COUNTS["taken"] += 1
     except Exception as error:
@@ -513,6 +519,7 @@ def arguments(folder: Path) -> Callable[[], None]:
         st.sampled_from(cells[:2]) | st.sampled_from(cells) | anything,
         st.sampled_from(arrays[:2]) | anything,
     )
+    cells_of = st.lists(st.sampled_from(cells), max_size=2) | anything
     stack = st.sampled_from([np.zeros((2, 4, 4)), np.stack([gain] * 3), gain[None]]) | anything
     paper, none, size = st.just("paper") | anything, st.none() | anything, st.just(3) | anything
     target, coarse = st.just(-61.8) | anything, st.just(2.0) | anything
@@ -525,6 +532,8 @@ def arguments(folder: Path) -> Callable[[], None]:
         (irs_gym.pareto_front, [array, cell, cell, number]),
         (irs_gym.budget_to_go, [array, cell, number, number]),
         (irs_gym.straight_line_bound, [array, cell, cell, number]),
+        (irs_gym.shortest_lengths, [array, cells_of, cells_of, number]),
+        (lambda *parts: irs_gym.Robot(**dict(zip(ROBOT, parts, strict=True))), [anything] * 3),
         (irs_gym.RadioMap.from_array, [array, number, anything, st.none() | anything]),
         (irs_gym.RadioMap.load, [anything]),
         (irs_gym.load_scene, [anything]),
@@ -593,6 +602,62 @@ def arguments(folder: Path) -> Callable[[], None]:
                 function(**given_arguments)
             else:
                 function(*given_arguments)
+
+    return target
+
+
+# --- floor plans ----------------------------------------------------------------------------------
+
+
+def plans(folder: Path) -> Callable[[], None]:
+    """Floor plans of all kinds, and the scenes that are made of them."""
+    from irs_gym.convert import main
+    from irs_gym.radio.scene import load_scene
+
+    square = [[0, 0], [8, 0], [8, 6], [0, 6], [0, 0]]
+    inner = [[2, 2], [3, 2], [3, 3], [2, 3], [2, 2]]
+    features = [
+        {
+            "type": "Feature",
+            "properties": properties,
+            "geometry": {"type": "Polygon", "coordinates": [ring]},
+        }
+        for ring, properties in ((square, {"room": True}), (inner, {"height": 1.5}))
+    ]
+    pixels = np.full((8, 12), 254, dtype=np.uint8)
+    pixels[0] = pixels[3, 4:] = 0
+    picture = io.BytesIO()
+    Image.fromarray(pixels).save(picture, "PNG")
+    rows = "\n".join("".join("@" if pixel == 0 else "." for pixel in row) for row in pixels)
+    files: dict[str, bytes] = {
+        "plan.geojson": as_json({"type": "FeatureCollection", "features": features}),
+        "plan.yaml": b"image: plan.pgm\nresolution: 0.5\norigin: [-1.0, 0.0, 0.0]\nnegate: 0\n"
+        b"occupied_thresh: 0.65\nfree_thresh: 0.196\n",
+        "plan.pgm": b"P5\n12 8\n255\n" + pixels.tobytes(),
+        "plan.png": picture.getvalue(),
+        "plan.map": f"type octile\nheight 8\nwidth 12\nmap\n{rows}\n".encode(),
+        "plan.map.scen": b"version 1\n0\tplan.map\t12\t8\t0\t7\t11\t1\t13.4853\n",
+    }
+    given_files = st.sampled_from(list(files))
+    words = st.sampled_from(
+        [[], ["--metres-per-pixel", "0.5"], ["--height", "2"], ["--unit", "deg"]]
+    )
+    tree = json.loads(files["plan.geojson"])
+
+    @given(given_files, given_files, damages, changes, words)
+    def target(read: str, broken: str, wanted: Any, wanted_of_tree: Any, more: list[str]) -> None:
+        for name, content in files.items():
+            (folder / name).write_bytes(damaged(content, wanted) if name == broken else content)
+        if broken == "plan.geojson":
+            (folder / broken).write_bytes(damaged(as_json(mutated(tree, wanted_of_tree)), wanted))
+
+        out = folder / "out.json"
+        line = [str(folder / read), str(out), "--access-point", "1", "1", "2", *more]
+        said = io.StringIO()
+        with judged(), contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            if main(line) == 0:
+                load_scene(out)
+        assert "Traceback" not in said.getvalue()
 
     return target
 
@@ -819,6 +884,7 @@ def commands(folder: Path) -> Callable[[], None]:
 TARGETS: dict[str, Callable[[Path], Callable[[], None]]] = {
     "scenes": scenes,
     "maps": maps,
+    "plans": plans,
     "arguments": arguments,
     "runs": runs,
     "commands": commands,

@@ -311,6 +311,8 @@ ARGUMENTS = [
         for value in ("x", None, [], 0)
     ),
     *((name, value) for name in ("irs_phases", "shaping") for value in ("True", 1, None, 0.5)),
+    *(("robot_radius", value) for value in (-0.1, NAN, INF, True, "1", None)),
+    *((name, value) for name in ("corner_cutting", "collision") for value in ("x", 1, None, [])),
     *(("random_start", value) for value in (-0.1, 1.1, NAN, "a", None)),
     *(("render_mode", value) for value in ("video", 1, [], True)),
 ]
@@ -479,9 +481,18 @@ def test_a_map_that_tells_free_cells_is_another_problem():
 def test_the_public_names_are_all_tried_here():
     source = Path(__file__).read_text() + Path(__file__).with_name("test_archives.py").read_text()
     untried = {
+        "FloorPlan",
+        "MovingAiScenario",
         "BudgetToGo",
         "Front",
         "Path",
+        "Robot",
+        "read_geojson",
+        "read_movingai_map",
+        "read_movingai_scenarios",
+        "read_picture",
+        "read_ros_map",
+        "shortest_lengths",
         "Scene",
         "SixTuple",
         "TradeOff",

@@ -96,7 +96,10 @@ class RobotBatch:
     def _next_cells(self, pool: SceneSet, moves: Ints, is_moving: Bools) -> Ints:
         """Cells ``(n, 2)`` that the moves lead to."""
         is_legal, _ = permissions(
-            RULES.constraint, pool.free[self.scenes], pool.feasible[self.scenes]
+            RULES.constraint,
+            pool.free[self.scenes],
+            pool.feasible[self.scenes],
+            **pool.motion(self.scenes),
         )  # (n, X, Y, 8)
         i, j = self.cells.T
         can = is_legal[np.arange(len(moves)), i, j, moves] & is_moving

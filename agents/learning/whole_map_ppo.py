@@ -161,7 +161,13 @@ def transition_tables_of(pool: SceneSet, scenes: NDArray[np.int64]) -> Transitio
     """The rules of the environment in scenes of a pool, with lengths in cells."""
     goals = pool.goal[scenes]
     rules = transitions(
-        RULES, pool.free[scenes], pool.feasible[scenes], goals, pool.cell_size, np.float32
+        RULES,
+        pool.free[scenes],
+        pool.feasible[scenes],
+        goals,
+        pool.cell_size,
+        np.float32,
+        **pool.motion(scenes),
     )
     cells = np.indices(pool.shape).transpose(1, 2, 0)  # (X, Y, 2)
     octile = octile_distance(cells - goals[:, None, None])  # (G, X, Y)

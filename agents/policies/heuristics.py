@@ -117,7 +117,8 @@ def replanning(env: gymnasium.Env[Any, Any], seed: int | None = None) -> Replann
     """
     task = env.unwrapped.task  # type: ignore[attr-defined]
     radius = None if task.observation == "map" else task.patch_radius
-    return Replanner(_world_reader(env)(0).radio_map.grid.shape, radius)
+    shape = _world_reader(env)(0).radio_map.grid.shape
+    return Replanner(shape, radius, task.corner_cutting)
 
 
 REFERENCE_POLICIES: dict[str, Callable[[gymnasium.Env[Any, Any], int | None], Policy]] = {
@@ -154,12 +155,12 @@ def _cheapest(world: World, to_go: Floats) -> Bools:
     """
     return _only(
         -(MOVE_LENGTHS * world.radio_map.grid.cell_size + neighbours(to_go, np.inf)),
-        legal_moves(world.feasible),
+        legal_moves(world.feasible, **world.motion),
     )
 
 
 def _greatest_gain(world: World, goal: Cell) -> Bools:
-    is_feasible = legal_moves(world.feasible)
+    is_feasible = legal_moves(world.feasible, **world.motion)
     octile = _octile(world, goal)
     is_nearer = is_feasible & (neighbours(octile, np.inf) < octile[..., None] - 1e-9)
     is_open = np.where(is_nearer.any(axis=-1, keepdims=True), is_nearer, is_feasible)

@@ -40,6 +40,7 @@ class Replanner:
 
     shape: tuple[int, int]  # (X, Y)
     radius: int | None  # None where the whole map is seen
+    corner_cutting: bool = True
 
     def predict(
         self,
@@ -97,10 +98,11 @@ class Replanner:
     def _plan(self, is_open: Bools, goal: int) -> Ints:
         """First moves of the shortest paths over open cells, shape ``(X * Y,)``."""
         i, j = cells_at(np.array(goal), self.shape).tolist()
-        to_go = distance_to_go(is_open, (i, j), 1.0)
+        to_go = distance_to_go(is_open, (i, j), 1.0, corner_cutting=self.corner_cutting)
 
         # Of each move from each cell, (X, Y, 8).
-        length = np.where(legal_moves(is_open), MOVE_LENGTHS + neighbours(to_go, np.inf), np.inf)
+        is_legal = legal_moves(is_open, self.corner_cutting)
+        length = np.where(is_legal, MOVE_LENGTHS + neighbours(to_go, np.inf), np.inf)
 
         return np.asarray(length.argmin(axis=-1).ravel())
 

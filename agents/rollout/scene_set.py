@@ -167,7 +167,9 @@ def _successors(moves: Ints, pool: SceneSet) -> tuple[Ints, Ints]:
 
     ``moves`` has the shape ``(S, X, Y)``, both results ``(S, X * Y)``.
     """
-    is_legal, _ = permissions(RULES.constraint, pool.free, pool.feasible)  # (S, X, Y, 8)
+    is_legal, _ = permissions(
+        RULES.constraint, pool.free, pool.feasible, **pool.motion(slice(None))
+    )  # (S, X, Y, 8)
     can = np.take_along_axis(is_legal, moves[..., None], axis=-1).reshape(len(pool), -1)
     moves = moves.reshape(len(pool), -1)
 

@@ -3,7 +3,7 @@ optimum.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from irs_gym.grid import Cell
 from irs_gym.mdp.budget import Budget, OnExhausted, range_of
 from irs_gym.mdp.cost import CostKind, cost_map
+from irs_gym.mdp.robot import Collision
 from irs_gym.mdp.task import Constraint, ForeignMap, Task, resolved
 from irs_gym.radio.irs import ArrayModel, Quantiser
 from irs_gym.radio.radio_map import RadioMap
@@ -47,6 +48,9 @@ class Problem:
     on_exhausted: OnExhausted | None
     start: Cell | None
     goal: Cell | None
+    corner_cutting: bool = True
+    robot_radius: float = 0.0
+    collision: Collision = "centre"
 
     @property
     def label(self) -> str:
@@ -67,12 +71,17 @@ class Problem:
             "array_model": "far_field",
             "constraint": "budget" if self.budget is not None else "refuse",
             "on_exhausted": "terminate",
+            "robot_radius": 0.0,
+            "collision": "centre",
         }
         for name, value in usual.items():
             if getattr(self, name) not in (value, None) and not (
                 name == "cell_size" and self.radio_map
             ):
                 parts.append(f"{name.replace('_', ' ')} {getattr(self, name)}")
+
+        if not self.corner_cutting:
+            parts.append("no corner cutting")
 
         parts += [
             f"{name} {getattr(self, name)}" for name in ("start", "goal") if getattr(self, name)
@@ -149,6 +158,7 @@ def problem_of(task: Task) -> Problem:
         on_exhausted=task.on_exhausted if has_budget else None,
         start=task.start,
         goal=task.goal,
+        **asdict(task.rules.robot),
     )
 
 

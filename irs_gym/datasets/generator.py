@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.datasets.floor_plan import draw_walls
-from irs_gym.datasets.solved_scene import SolvedScene
+from irs_gym.datasets.solved_scene import SolvedScene, radio_map_of
 from irs_gym.grid import Cell, Grid, as_cell, checked_point
+from irs_gym.mdp.robot import PAPER_ROBOT, Collision, Robot
 from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target, largest_component
 from irs_gym.radio.fields import Point3, Wall
 from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
-from irs_gym.radio.radio_map import RadioMap, build_radio_map
 from irs_gym.radio.scene import AccessPoint, IrsPanel, Obstacle, Room, Scene, load_scene
 from irs_gym.radio.shapes import PolygonRoom
 from irs_gym.units import wavelength_m
@@ -119,7 +119,14 @@ DIFFICULTIES = {
 }
 
 
-def generate_scene(rng: np.random.Generator, difficulty: str | Difficulty = "default") -> Scene:
+def generate_scene(
+    rng: np.random.Generator,
+    difficulty: str | Difficulty = "default",
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    collision: Collision = "centre",
+) -> Scene:
     """A scene drawn at random, feasible at its own target.
 
     A room with boxes, an access point on one wall and an IRS on another, each of random size and
@@ -134,6 +141,8 @@ def generate_scene(rng: np.random.Generator, difficulty: str | Difficulty = "def
         ``"easy"`` (tasks as they come: most need no detour), ``"default"`` (three of five are drawn
         until they need one above 5 %, and some of the others need one as they come: 717 of the
         1,000 test scenes do), ``"hard"`` (all need one above 20 %), or a `Difficulty`.
+    corner_cutting, robot_radius, collision
+        The robot whose task it is; see `irs_gym.Robot`.
 
     Raises
     ------
@@ -148,11 +157,14 @@ def generate_scene(rng: np.random.Generator, difficulty: str | Difficulty = "def
     >>> scene == generate_scene(np.random.default_rng(1), "easy")
     True
     """
-    return draw_solved_scene(rng, difficulty).scene
+    robot = Robot(corner_cutting=corner_cutting, robot_radius=robot_radius, collision=collision)
+    return draw_solved_scene(rng, difficulty, robot).scene
 
 
 def draw_solved_scene(
-    rng: np.random.Generator, difficulty: str | Difficulty = "default"
+    rng: np.random.Generator,
+    difficulty: str | Difficulty = "default",
+    robot: Robot = PAPER_ROBOT,
 ) -> SolvedScene:
     """The scene of `generate_scene` with its map and distances to go."""
     if isinstance(difficulty, str):
@@ -173,7 +185,7 @@ def draw_solved_scene(
     # degenerate factories, and those without such a task, are drawn anew
     for _ in range(FACTORIES):
         scene = _draw_factory(rng, difficulty)
-        found = None if scene is None else _draw_task(rng, scene, detour)
+        found = None if scene is None else _draw_task(rng, scene, detour, robot)
         if found is not None:
             return found
 
@@ -331,10 +343,19 @@ def _floor(grid: Grid, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
 # --- the task -------------------------------------------------------------------------------------
 
 
-def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> SolvedScene | None:
-    """The factory with a task whose detour is above the one given; None where none was found."""
-    radio_map = build_radio_map(factory, CELL_SIZE)
-    floor_cells = largest_component(radio_map.free)  # (X, Y)
+def _draw_task(
+    rng: np.random.Generator, factory: Scene, detour: float, robot: Robot
+) -> SolvedScene | None:
+    """The factory with a task for the robot whose detour is above the one given; None where none
+    was found.
+    """
+    # whose boxes all hold the centre of a cell, so that a point has nothing to ask of them
+    asked = None if robot.is_point else factory
+    radio_map, motion = robot.fit(radio_map_of(factory, CELL_SIZE), asked)
+    floor_cells = largest_component(radio_map.free, **motion)  # (X, Y)
+    if not floor_cells.any():
+        return None
+
     # the highest target that excludes no cell of the floor
     loosest = float(radio_map.gain_db[floor_cells].min())
     cells = np.argwhere(floor_cells)
@@ -344,7 +365,7 @@ def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> Solve
         if ends is None:
             continue
 
-        highest = highest_feasible_target(radio_map.gain_db, *ends)
+        highest = highest_feasible_target(radio_map.gain_db, *ends, **motion)
         if highest - loosest < LEAST_RANGE_DB:
             continue
 
@@ -352,16 +373,12 @@ def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> Solve
         target_db = floor(100 * (loosest + rng.random() * (highest - loosest))) / 100
         start, goal = (radio_map.grid.centre(end) for end in ends)
         scene = factory.model_copy(update={"start": start, "goal": goal, "target_db": target_db})
-        solved = _solved(scene, radio_map, ends[1])
+        to_go = distance_to_go(radio_map.feasible(target_db), ends[1], CELL_SIZE, **motion)
+        solved = SolvedScene(scene, radio_map, to_go, motion["passable"])
         if detour + 1e-9 < solved.detour < np.inf:  # whatever the rounding of sums
             return solved
 
     return None
-
-
-def _solved(scene: Scene, radio_map: RadioMap, goal: Cell) -> SolvedScene:
-    to_go = distance_to_go(radio_map.feasible(scene.target_db), goal, CELL_SIZE)
-    return SolvedScene(scene, radio_map, to_go)
 
 
 def _draw_ends(

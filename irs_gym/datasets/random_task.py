@@ -17,6 +17,7 @@ from irs_gym.grid import Grid
 from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget, payable
 from irs_gym.mdp.cost import CostKind, cell_costs
 from irs_gym.mdp.dynamics import check_task, potential
+from irs_gym.mdp.robot import Collision
 from irs_gym.mdp.task import (
     Constraint,
     Observation,
@@ -79,6 +80,16 @@ class RandomTask:
     """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
     goal_bonus: float = Task.goal_bonus
     """Reward at the goal, in metres."""
+    corner_cutting: bool = Task.corner_cutting
+    """Whether a diagonal move asks for its destination alone; otherwise it needs both cells beside
+    it.
+    """
+    robot_radius: float = Task.robot_radius
+    """Metres: cells whose centre is nearer than that to an obstacle or a wall cannot be entered."""
+    collision: Collision = Task.collision
+    """Where obstacles count: at the "centre" of a cell alone, or wherever the robot's "body" meets
+    one on a move. Scenes of a split that such a robot cannot solve are left out, with a warning.
+    """
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "budget", checked_budget(self.budget))
@@ -131,6 +142,9 @@ class RandomTaskArguments(TypedDict, total=False):
     random_start: float
     shaping: bool
     goal_bonus: float
+    corner_cutting: bool
+    robot_radius: float
+    collision: Collision
 
 
 def random_task_of(arguments: Mapping[str, Any], owner: str = "RandomTask") -> RandomTask:
@@ -234,12 +248,13 @@ def build_worlds(task: RandomTask) -> Worlds:
 
 @lru_cache(maxsize=4)
 def _build_worlds(task: RandomTask) -> Worlds:
+    robot = task.rules.robot
     if isinstance(task.scenes, SceneSet):
-        pool = task.scenes
+        pool = task.scenes.for_robot(robot)
     elif task.scenes is None:
-        pool = build_scene_set(task.split, task.num_scenes)
+        pool = build_scene_set(task.split, task.num_scenes).for_robot(robot)
     else:
-        pool = scene_set_of(_read_scenes(task.scenes))
+        pool = scene_set_of(_read_scenes(task.scenes), robot=robot)
 
     worlds = Worlds(task, pool)
     for number in _hardest(worlds):
@@ -288,4 +303,5 @@ def _world(worlds: Worlds, number: int) -> World:
         source=(_world, (worlds, number)),
         to_go=pool.distance_to_go[number],
         cost=None if worlds.task.budget is None else worlds.cost[number],
+        passable=pool.motion(number)["passable"],
     )

@@ -1,10 +1,11 @@
 """`SceneSet`: many scenes with their radio maps and distances to go, in arrays of one shape."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,12 @@ from irs_gym.datasets.generator import CELL_SIZE
 from irs_gym.datasets.shard import Shard
 from irs_gym.datasets.solved_scene import SolvedScene, solve
 from irs_gym.datasets.splits import check_frozen, split_of
-from irs_gym.grid import as_cell
+from irs_gym.grid import Grid, Motion, as_cell
+from irs_gym.mdp.robot import PAPER_ROBOT, Robot
 from irs_gym.memory import check_memory, freeze, frozen
+from irs_gym.oracle.shortest_path import distance_to_go
 from irs_gym.radio.fading import RicianFading
-from irs_gym.radio.radio_map import build_radio_map
+from irs_gym.radio.radio_map import RadioMap, build_radio_map
 from irs_gym.radio.scene import Scene
 
 # For each cell of each scene, at the most: maps, rules, and shards before they are joined.
@@ -50,6 +53,10 @@ class SceneSet:
         int64, shape ``(S, 2)``: cells (i, j).
     cell_size
         Edge of a cell in metres.
+    robot
+        Whose cells and distances they are.
+    moves
+        uint8, shape ``(S, X, Y)``: the moves that its body can make, a bit each; None: all.
     """
 
     scenes: Sequence[Scene]
@@ -61,9 +68,12 @@ class SceneSet:
     start: NDArray[np.int64]
     goal: NDArray[np.int64]
     cell_size: float
+    robot: Robot = PAPER_ROBOT
+    moves: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         freeze(self.target_db, self.gain_db, self.distance_to_go, self.irs, self.start, self.goal)
+        freeze(self.moves)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -110,6 +120,38 @@ class SceneSet:
         """Length in metres of the shortest feasible path from each start, shape ``(S,)``."""
         return frozen(self.distance_to_go[np.arange(len(self)), self.start[:, 0], self.start[:, 1]])
 
+    def motion(self, scenes: Any) -> Motion:
+        """What else is asked of a move in scenes of those numbers: arguments of
+        `irs_gym.grid.legal_moves`.
+        """
+        passable = None
+        if self.moves is not None:
+            bits = np.unpackbits(self.moves[scenes][..., None], axis=-1, bitorder="little")
+            passable = bits.astype(bool)
+
+        return {"corner_cutting": self.robot.corner_cutting, "passable": passable}
+
+    def for_robot(self, robot: Robot) -> "SceneSet":
+        """The scenes for another robot than the paper's, without those that it cannot solve.
+
+        Warns
+        -----
+        UserWarning
+            Where scenes are left out, with their number, or where it would drive through an
+            obstacle.
+
+        Raises
+        ------
+        ValueError
+            Where these are the scenes of yet another robot, or none is left.
+        """
+        if robot == self.robot:
+            return self
+        if self.robot != PAPER_ROBOT:
+            raise ValueError(f"scenes are those of {self.robot}, not of {robot}")
+
+        return _for_robot(self, robot)
+
 
 def scene_set_of(
     scenes: Sequence[Scene],
@@ -117,6 +159,7 @@ def scene_set_of(
     *,
     cell_size: float = 0.5,
     frame: tuple[int, int] | None = None,
+    robot: Robot = PAPER_ROBOT,
 ) -> SceneSet:
     """Scene set of given scenes.
 
@@ -130,6 +173,8 @@ def scene_set_of(
         Edge of a cell in metres.
     frame
         Cells (X, Y) of all maps; by default as large as the largest.
+    robot
+        Who has to solve them; the paper's by default.
 
     Raises
     ------
@@ -159,9 +204,12 @@ def scene_set_of(
         shape = tuple(shapes[too_large[0]].tolist())
         raise ValueError(f"scene {name!r} has {shape} cells: frame={frame} is too small")
 
-    solved = [_solve(scene, name, cell_size) for scene, name in zip(scenes, names, strict=True)]
+    solved = [
+        _solve(scene, name, cell_size, robot) for scene, name in zip(scenes, names, strict=True)
+    ]
+    pool = _scene_set(tuple(scenes), names, Shard.of(solved, frame), cell_size)
 
-    return _scene_set(tuple(scenes), names, Shard.of(solved, frame), cell_size)
+    return replace(pool, robot=robot, moves=_packed([each.passable for each in solved], frame))
 
 
 def build_scene_set(
@@ -215,6 +263,77 @@ def build_scene_set(
     return _scene_set(_Texts(texts), tuple(f"{split}-{n}" for n in range(count)), shard, CELL_SIZE)
 
 
+def _for_robot(pool: SceneSet, robot: Robot) -> SceneSet:
+    """The scenes of a set for the paper's robot, for another one."""
+    gain_db = np.full_like(pool.gain_db, -np.inf)
+    to_go = np.full_like(pool.distance_to_go, np.inf)
+    passable: list[NDArray[np.bool_] | None] = []
+
+    for n in range(len(pool)):
+        # on a map of the scene's own size: its walls are not those of the frame
+        scene = pool.scenes[n] if len(pool.scenes) and not robot.is_point else None
+        grid = scene.grid(pool.cell_size) if scene else Grid(pool.shape, pool.cell_size, (0.0, 0.0))
+        own = (n, slice(grid.shape[0]), slice(grid.shape[1]))
+        radio_map, motion = robot.fit(RadioMap(pool.gain_db[own], grid=grid), scene)
+
+        gain_db[own] = radio_map.gain_db
+        goal = (int(pool.goal[n, 0]), int(pool.goal[n, 1]))
+        feasible = radio_map.feasible(float(pool.target_db[n]))
+        to_go[own] = distance_to_go(feasible, goal, pool.cell_size, **motion)
+        passable.append(motion["passable"])
+
+    fitted = replace(
+        pool,
+        gain_db=gain_db,
+        distance_to_go=to_go,
+        robot=robot,
+        moves=_packed(passable, pool.shape),
+    )
+
+    return _without(fitted, np.isinf(fitted.oracle_distance))
+
+
+def _without(pool: SceneSet, is_lost: NDArray[np.bool_]) -> SceneSet:
+    """A scene set without the scenes that its robot cannot solve, ``(S,)``, of which it warns."""
+    if not is_lost.any():
+        return pool
+
+    kept = np.flatnonzero(~is_lost)
+    lost = [pool.names[n] for n in np.flatnonzero(is_lost).tolist()]
+    named = ", ".join(lost[:5]) + (" ..." if len(lost) > 5 else "")
+    said = f"{len(lost)} of {len(pool)} scenes cannot be solved by {pool.robot}: {named}"
+    if not len(kept):
+        raise ValueError(said)
+
+    warn(f"{said}; they are left out", stacklevel=4)
+    arrays = {
+        each.name: getattr(pool, each.name)[kept]
+        for each in fields(pool)
+        if isinstance(getattr(pool, each.name), np.ndarray)
+    }
+    scenes = [pool.scenes[n] for n in kept.tolist()] if len(pool.scenes) else ()
+
+    return replace(pool, scenes=scenes, names=tuple(pool.names[n] for n in kept), **arrays)
+
+
+def _packed(
+    passable: Sequence[NDArray[np.bool_] | None], frame: tuple[int, int]
+) -> NDArray[np.uint8] | None:
+    """The moves ``(X, Y, 8)`` of each scene as bits on maps of one shape; None where none says
+    any.
+    """
+    if all(each is None for each in passable):
+        return None
+
+    moves = np.zeros((len(passable), *frame), dtype=np.uint8)
+    for own, each in zip(moves, passable, strict=True):
+        if each is not None:
+            columns, rows, _ = each.shape
+            own[:columns, :rows] = np.packbits(each, axis=-1, bitorder="little")[..., 0]
+
+    return moves
+
+
 class _Texts(Sequence[Scene]):
     """Scenes kept as JSON, each read whenever it is asked for."""
 
@@ -251,8 +370,8 @@ def _shape(scene: Scene, name: str, cell_size: float) -> tuple[int, int]:
         raise ValueError(f"scene {name!r}: {error}") from None
 
 
-def _solve(scene: Scene, name: str, cell_size: float) -> SolvedScene:
+def _solve(scene: Scene, name: str, cell_size: float, robot: Robot) -> SolvedScene:
     try:
-        return solve(scene, cell_size)
+        return solve(scene, cell_size, robot)
     except ValueError as error:
         raise ValueError(f"scene {name!r}: {error}") from None

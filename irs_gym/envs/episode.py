@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell, as_cell
+from irs_gym.grid import Cell, as_cell, legal_moves
 from irs_gym.mdp.action_values import optimal_q
 from irs_gym.mdp.budget import can_pay, choose_budget, cleared, scaled_amount
 from irs_gym.mdp.checks import checked_action
@@ -101,7 +101,9 @@ class Episode:
             return optimal_moves_within(self.world, self.goal, flat, self._left)
 
         is_optimal = optimal_moves(
-            self.tables.distance_to_go[None], self.world.radio_map.grid.cell_size
+            self.tables.distance_to_go[None],
+            self.world.radio_map.grid.cell_size,
+            self._keeps_target()[None],
         )
 
         return np.flatnonzero(is_optimal[0, :, i, j])
@@ -220,6 +222,10 @@ class Episode:
                 view_of(self.world, self.start, self.goal, self._budget), self.path
             )
         )
+
+    def _keeps_target(self) -> NDArray[np.bool_]:
+        """Which moves the oracle may make, ``(X, Y, 8)``."""
+        return legal_moves(self.world.feasible, **self.world.motion)
 
     def _info(
         self, is_refused: bool = False, cost: float = 0.0, is_success: bool = False

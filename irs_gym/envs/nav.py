@@ -37,7 +37,7 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
 
     ## Action Space
     ``Discrete(8)``: moves to a neighbouring cell, counter-clockwise from +x: E, NE, N, NW, W, SW,
-    S, SE. Diagonal moves may cut corners.
+    S, SE. Diagonal moves may cut corners, unless ``corner_cutting=False``.
 
     ## Observation Space
     Float32 in [-1, 1]. ``observation="dict"``:
@@ -83,7 +83,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
 
     A move into an obstacle or out of the room leaves the robot where it is and costs the move.
     Cells below the target: ``"refuse"`` treats them likewise; ``"allow"`` lets the robot in, with
-    ``info["cost"]`` 1.0 there, and the episode is no success.
+    ``info["cost"]`` 1.0 there, and the episode is no success. Without corner cutting, a diagonal
+    move enters both cells beside it as well.
 
     ## Budget
     ``constraint="budget"`` lets the robot in as well, and every cell has its price, that of

@@ -45,7 +45,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
 
     ## Action Space
     ``Discrete(8)``: moves to a neighbouring cell, counter-clockwise from +x: E, NE, N, NW, W, SW,
-    S, SE. Diagonal moves may cut corners.
+    S, SE. Diagonal moves may cut corners, unless ``corner_cutting=False``.
 
     ## Observation Space
     That of `IrsNavEnv` without phase shifts: float32 in [-1, 1]. All maps are padded with blocked

@@ -4,7 +4,7 @@ environments and learners call, and `Tables` that hold all their values for one.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from irs_gym.grid import (
     MOVE_LENGTHS,
     MOVES,
     Cell,
+    Motion,
     flat_cells,
     legal_moves,
     octile_distance,
@@ -59,12 +60,15 @@ def reward(
     return -length + (potential_next - potential_now) + rules.goal_bonus * is_at_goal
 
 
-def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[Bools, Bools]:
+def permissions(
+    constraint: Constraint, free: Bools, feasible: Bools, **motion: Unpack[Motion]
+) -> tuple[Bools, Bools]:
     """Which actions are not refused, and which miss the target: both of shape ``(..., X, Y, 8)``.
 
     A move into a wall, an obstacle or (unless allowed) a cell below the target is refused. Under
     ``"terminate"``, an attempt to enter a cell below the target misses it, under ``"allow"`` and
-    ``"budget"`` whatever leads to one or stays in one.
+    ``"budget"`` whatever leads to one or stays in one. Without corner cutting, a diagonal move
+    enters both cells beside it as well.
 
     Parameters
     ----------
@@ -73,6 +77,8 @@ def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[B
     free, feasible
         Cells without an obstacle, and those of them at or above the target, shape ``(..., X, Y)``:
         of one map, or of many.
+    motion
+        What else `irs_gym.grid.legal_moves` asks of a move.
 
     Examples
     --------
@@ -83,11 +89,11 @@ def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[B
     >>> [MOVE_NAMES[n] for n in np.flatnonzero(is_legal[0, 1])]  # (0, 2) lies below the target
     ['S']
     """
-    keeps_target = legal_moves(feasible)
+    keeps_target = legal_moves(feasible, **motion)
     if constraint == "refuse":
         return keeps_target, np.zeros_like(keeps_target)
 
-    is_open = legal_moves(free)
+    is_open = legal_moves(free, **motion)
     if constraint == "terminate":
         return keeps_target, is_open & ~keeps_target
 
@@ -125,6 +131,7 @@ def transition(world: World, goal: Cell) -> Transition:
         np.array([goal]),
         world.radio_map.grid.cell_size,
         cost=None if world.cost is None else world.cost[None],
+        **world.motion,
     )
 
 
@@ -136,6 +143,7 @@ def transitions(
     cell_size: float,
     precision: type[np.floating[Any]] = np.float64,
     cost: NDArray[np.float64] | None = None,
+    **motion: Unpack[Motion],
 ) -> Transition:
     """The transition of every cell and action of S maps, arrays of shape ``(S * X * Y, 8)``.
 
@@ -155,6 +163,8 @@ def transitions(
         That of the shaping potential.
     cost
         What each cell costs, shape ``(S, X, Y)``; by default 1 where the target is missed.
+    motion
+        What else `irs_gym.grid.legal_moves` asks of a move.
 
     Returns
     -------
@@ -164,7 +174,8 @@ def transitions(
     columns, rows = shape
     cells = np.arange(free.size)[:, None]
     is_legal, is_violation = (
-        each.reshape(-1, ACTIONS) for each in permissions(rules.constraint, free, feasible)
+        each.reshape(-1, ACTIONS)
+        for each in permissions(rules.constraint, free, feasible, **motion)
     )  # (S * X * Y, 8)
     next_cell = next_cells(cells, np.arange(ACTIONS), is_legal, (columns, rows))
 
@@ -209,7 +220,9 @@ def _cells(shape: tuple[int, int]) -> Ints:
 
 def action_mask(world: World) -> NDArray[np.int8]:
     """1 where an action is not refused, shape ``(X * Y, 8)``."""
-    is_legal, _ = permissions(world.rules.constraint, world.radio_map.free, world.feasible)
+    is_legal, _ = permissions(
+        world.rules.constraint, world.radio_map.free, world.feasible, **world.motion
+    )
     return is_legal.reshape(-1, ACTIONS).astype(np.int8)
 
 
@@ -251,7 +264,7 @@ def tabulate(world: World, goal: Cell) -> Tables:
     grid = world.radio_map.grid
     to_go = world.to_go if goal == world.goal else None
     if to_go is None:
-        to_go = distance_to_go(world.feasible, goal, grid.cell_size)
+        to_go = distance_to_go(world.feasible, goal, grid.cell_size, **world.motion)
 
     gain_db = world.radio_map.gain_db
 
@@ -290,7 +303,9 @@ def budget_to_go_of(world: World, goal: Cell) -> BudgetToGo:
     assert world.rules.budget is not None
     _, largest = range_of(world.rules.budget)
 
-    return budget_to_go(world.cost, goal, world.radio_map.grid.cell_size, largest + SLACK)
+    return budget_to_go(
+        world.cost, goal, world.radio_map.grid.cell_size, largest + SLACK, **world.motion
+    )
 
 
 def metres_to_go(
@@ -319,7 +334,8 @@ def oracle_path(world: World, start: Cell, goal: Cell, budget: float | None = No
     """The shortest path that the rules allow, within the budget where there is one."""
     if budget is None:
         to_go = tabulate(world, goal).distance_to_go
-        return descend(to_go, start, world.radio_map.grid.cell_size)
+        is_legal = legal_moves(world.feasible, **world.motion)
+        return descend(to_go, start, world.radio_map.grid.cell_size, is_legal)
 
     left = budget - float(paid_at_start(world, world.radio_map.grid.flat(start)))
     path = budget_to_go_of(world, goal).path(start, left + SLACK)
@@ -335,7 +351,7 @@ def optimal_moves_within(world: World, goal: Cell, cell: int, left: float) -> In
     """
     assert world.cost is not None
     grid = world.radio_map.grid
-    is_legal = legal_moves(world.radio_map.free)[grid.cell_at(cell)]  # (8,)
+    is_legal = legal_moves(world.radio_map.free, **world.motion)[grid.cell_at(cell)]  # (8,)
     actions = np.flatnonzero(is_legal) if cell != grid.flat(goal) else np.array([], dtype=np.int64)
     ahead = cell + flat_cells(MOVES[actions], grid.shape)
     then = metres_to_go(world, goal, ahead, left - world.cost.take(ahead))
@@ -402,7 +418,9 @@ def check_cell(world: World, name: str, cell: Cell) -> None:
     if not world.radio_map.grid.has(cell):
         raise ValueError(f"{name}={cell} lies off the map of {world.radio_map.grid.shape} cells")
     if not world.radio_map.free[cell]:
-        raise ValueError(f"{name}={cell} lies in an obstacle")
+        radius = world.rules.robot_radius
+        near = f", or nearer than robot_radius={radius} m to one or a wall" if radius else ""
+        raise ValueError(f"{name}={cell} lies in an obstacle{near}")
 
 
 def tables_for(world: World, start: Cell, goal: Cell, budget: float | None = None) -> Tables:
@@ -426,7 +444,9 @@ def tables_for(world: World, start: Cell, goal: Cell, budget: float | None = Non
 
     tables = tabulate(world, goal)
     if not np.isfinite(tables.distance_to_go[start]):
-        raise ValueError(infeasible(world.radio_map.gain_db, start, goal, world.target_db))
+        raise ValueError(
+            infeasible(world.radio_map.gain_db, start, goal, world.target_db, **world.motion)
+        )
 
     return tables
 
@@ -439,7 +459,8 @@ def _check_budget(world: World, start: Cell, goal: Cell, budget: float) -> None:
 
     # raises a `ValueError` where no path joins the two, whatever the budget
     assert world.cost is not None
-    front = pareto_front(world.cost, start, goal, world.radio_map.grid.cell_size)
+    cell_size = world.radio_map.grid.cell_size
+    front = pareto_front(world.cost, start, goal, cell_size, **world.motion)
     raise ValueError(
         f"budget={budget} cannot be kept from start={start} to goal={goal}: "
         f"the least {world.rules.cost} cost of a path is {front.costs[0]:.9g}"

@@ -14,9 +14,10 @@ from typing import Any, Literal, TypedDict, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell, Grid, as_cell, checked_cell_size
+from irs_gym.grid import Cell, Grid, Motion, as_cell, checked_cell_size
 from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget, payable, range_of
 from irs_gym.mdp.cost import CostKind, cost_map
+from irs_gym.mdp.robot import PAPER_ROBOT, Collision, Robot
 from irs_gym.memory import check_memory, freeze
 from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser
 from irs_gym.radio.radio_map import (
@@ -61,8 +62,12 @@ class Rules:
     random_start: float
     shaping: bool
     goal_bonus: float
+    corner_cutting: bool
+    robot_radius: float
+    collision: Collision
 
     def __post_init__(self) -> None:
+        _ = self.robot  # checks these
         _check_number("goal_bonus", self.goal_bonus)
         if self.goal_bonus < 0:
             raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
@@ -84,6 +89,15 @@ class Rules:
                 raise ValueError(f"{name}={value!r} must be True or False")
 
         self._check_budget()
+
+    @cached_property
+    def robot(self) -> Robot:
+        """How wide it is, and how it moves."""
+        return Robot(
+            corner_cutting=self.corner_cutting,
+            robot_radius=self.robot_radius,
+            collision=self.collision,
+        )
 
     @property
     def least_budget(self) -> float | None:
@@ -168,6 +182,16 @@ class Task:
     """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
     goal_bonus: float = 10.0
     """Reward at the goal, in metres."""
+    corner_cutting: bool = PAPER_ROBOT.corner_cutting
+    """Whether a diagonal move asks for its destination alone; otherwise it needs both cells beside
+    it.
+    """
+    robot_radius: float = PAPER_ROBOT.robot_radius
+    """Metres: cells whose centre is nearer than that to an obstacle or a wall cannot be entered."""
+    collision: Collision = PAPER_ROBOT.collision
+    """Where obstacles count: at the "centre" of a cell alone, or wherever the robot's "body" meets
+    one on a move.
+    """
     radio_map: str | Path | RadioMap | dict[str, Any] | None = None
     """A map, its data as a dict, or the path of a saved one, in place of the scene's."""
     start: Cell | None = None
@@ -238,6 +262,9 @@ class TaskArguments(TypedDict, total=False):
     random_start: float
     shaping: bool
     goal_bonus: float
+    corner_cutting: bool
+    robot_radius: float
+    collision: Collision
     radio_map: str | Path | RadioMap | dict[str, Any] | None
     start: Cell | None
     goal: Cell | None
@@ -417,14 +444,21 @@ class World:
     """Metres to its own goal over feasible cells where known, ``(X, Y)``."""
     cost: NDArray[np.float64] | None = field(default=None, repr=False)
     """What each cell costs, ``(X, Y)``, under a budget."""
+    passable: NDArray[np.bool_] | None = field(default=None, repr=False)
+    """The moves that the robot's body can make, ``(X, Y, 8)``; None: all."""
 
     def __post_init__(self) -> None:
-        freeze(self.feasible, self.irs, self.to_go, self.cost)
+        freeze(self.feasible, self.irs, self.to_go, self.cost, self.passable)
 
     @property
     def rules(self) -> Rules:
         """What the robot sees, may do and is rewarded for."""
         return self.task.rules
+
+    @property
+    def motion(self) -> Motion:
+        """What is asked of a move besides a free cell: arguments of `irs_gym.grid.legal_moves`."""
+        return {"corner_cutting": self.rules.robot.corner_cutting, "passable": self.passable}
 
     @cached_property
     def fingerprint(self) -> bytes:
@@ -432,7 +466,15 @@ class World:
         end, is no part.
         """
         rules = self.rules
-        said = (rules.constraint, bool(rules.shaping), float(rules.goal_bonus), self.target_db)
+        said: tuple[Any, ...] = (
+            rules.constraint,
+            bool(rules.shaping),
+            float(rules.goal_bonus),
+            self.target_db,
+        )
+        if rules.robot != PAPER_ROBOT:  # who is not mentioned
+            said = (*said, repr(rules.robot))
+
         grid = self.radio_map.grid
         content = repr((grid.shape, float(grid.cell_size), said)).encode()
         content += self.radio_map.gain_db.tobytes()
@@ -480,6 +522,8 @@ def _build_world(task: ResolvedTask) -> World:
         goal = given.goal or radio_map.grid.cell_of(scene.goal)
         settings = irs_settings(scene, radio.phase_bits)
 
+    radio_map, motion = task.rules.robot.fit(radio_map, scene)
+
     return World(
         task=given,
         target_db=task.target_db,
@@ -491,6 +535,7 @@ def _build_world(task: ResolvedTask) -> World:
         irs=_irs_observation(settings, shifts),
         source=(build_world, (given,)),
         cost=world_costs(given.rules, radio_map, task.target_db),
+        passable=motion["passable"],
     )
 
 

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irs_gym.grid import Cell, as_cell, cells_at, checked_cell_size
+from irs_gym.grid import (
+    Cell,
+    as_cell,
+    cells_at,
+    checked_cell_size,
+    checked_motion,
+    with_clearance,
+)
 from irs_gym.memory import freeze
 from irs_gym.oracle.label_setting import TOLERANCE, checked_costs, labels_to_go, whole_costs
 from irs_gym.oracle.shortest_path import Path, flat_cell
@@ -117,7 +124,14 @@ def last_within(
 
 
 def budget_to_go(
-    cost: NDArray[np.float64], goal: Cell, cell_size: float, most: float
+    cost: NDArray[np.float64],
+    goal: Cell,
+    cell_size: float,
+    most: float,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
 ) -> BudgetToGo:
     """The Pareto front of cost and distance to the goal from every cell, up to a budget, exactly.
 
@@ -131,6 +145,8 @@ def budget_to_go(
         Edge of a cell in metres.
     most
         The greatest budget that will be asked for, which bounds the work.
+    corner_cutting, robot_radius, passable
+        As in `irs_gym.shortest_path`; the radius keeps the robot away from obstacles.
 
     Raises
     ------
@@ -151,6 +167,8 @@ def budget_to_go(
     most = checked_budget(most, "most")
     goal = as_cell(goal, "goal")
     sink = flat_cell(cost, goal, "goal")
+    motion = checked_motion(corner_cutting, passable, cost.shape)
+    cost = np.where(with_clearance(np.isfinite(cost), robot_radius, cell_size), cost, inf)
     if np.isinf(cost[goal]):
         raise ValueError(f"goal={goal} lies in an obstacle: its cost is inf")
 
@@ -158,7 +176,7 @@ def budget_to_go(
     greatest = min(most, float(finite.sum()))
     whole, unit = whole_costs(cost, greatest)
     bound = np.floor(greatest * (1 + TOLERANCE) / unit)
-    labels = labels_to_go(whole, sink, lambda labels: labels.costs <= bound)
+    labels = labels_to_go(whole, sink, lambda labels: labels.costs <= bound, **motion)
 
     # in the order of the cells, and of the costs in each
     order = np.lexsort((labels.costs, labels.cells))

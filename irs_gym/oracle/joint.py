@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import floor, isnan
 from numbers import Real
 from operator import index
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,17 @@ from irs_gym.grid import (
     MOVE_LENGTHS,
     MOVES,
     Cell,
+    Motion,
     as_cell,
     cells_at,
     checked_cell_size,
+    checked_motion,
     flat_cells,
     legal_moves,
-    neighbours,
+    lowest_ahead,
 )
 from irs_gym.memory import check_memory, freeze
-from irs_gym.oracle.shortest_path import Integers, flat_cell, path_length
+from irs_gym.oracle.shortest_path import Integers, flat_cell, for_radius, path_length
 
 _PAIR_BYTES = 500  # for each feasible pair of a configuration and a cell, at the most
 _MAP_BYTES = 30  # for any pair
@@ -81,6 +83,10 @@ def joint_shortest_path(
     cell_size: float,
     switch_cost: float = 0.0,
     first: int | None = None,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
 ) -> JointPath:
     """The best path and configurations together: least metres plus ``switch_cost`` metres a switch.
 
@@ -103,6 +109,9 @@ def joint_shortest_path(
     first
         The configuration at the start. None: the one of the highest gain there, the first of equal
         ones.
+    corner_cutting, robot_radius, passable
+        As in `irs_gym.shortest_path`, under the present configuration; the radius keeps the robot
+        away from obstacles, where no configuration has a gain.
 
     Raises
     ------
@@ -121,6 +130,8 @@ def joint_shortest_path(
     target_db = checked_target(target_db)
     cell_size = checked_cell_size(cell_size)
     switch_cost = checked_switch_cost(switch_cost)
+    motion = checked_motion(corner_cutting, passable, gain_db.shape[1:])
+    gain_db = for_radius(gain_db, robot_radius, cell_size)
     source = checked_end(gain_db, start, "start")
     sink = checked_end(gain_db, goal, "goal")
     gains_here = gain_db.reshape(len(gain_db), -1)[:, source]  # (K,)
@@ -130,18 +141,18 @@ def joint_shortest_path(
     weights = _weights(pairs.shape, switch_cost / cell_size)
     straight, diagonal, half_switch = weights
     # of the shortest way through each cell, switches uncounted
-    through = least_to_go(pairs, straight, diagonal, source)
-    through = through + least_to_go(pairs, straight, diagonal, sink)  # (X * Y,)
+    through = least_to_go(pairs, straight, diagonal, source, **motion)
+    through = through + least_to_go(pairs, straight, diagonal, sink, **motion)  # (X * Y,)
 
     if not (pairs[first, *divmod(source, pairs.shape[2])] and np.isfinite(through[source])):
-        raise ValueError(joint_infeasible(gain_db, start, goal, target_db, first))
+        raise ValueError(joint_infeasible(gain_db, start, goal, target_db, first, **motion))
 
     # Most searches end within a little more than the shortest way, and then leave out all cells
     # farther off. What they find is the best if it is no longer than that.
     limit = through[source] * _FIRST_LIMIT + 2 * half_switch
     while True:
         kept = pairs & (through <= limit).reshape(pairs.shape[1:])
-        states, length = _search(kept, weights, first, source, sink)
+        states, length = _search(kept, weights, first, source, sink, **motion)
         if length <= limit:
             return path_of_pairs(states, pairs.shape, cell_size, switch_cost)
         limit = length
@@ -153,11 +164,12 @@ def _search(
     first: int,
     source: int,
     sink: int,
+    **motion: Unpack[Motion],
 ) -> tuple[Integers, float]:
     """The pairs on the best way from the source under the first configuration to the sink, and its
     length: +inf where there is none.
     """
-    graph = pairs_graph(pairs, *weights)
+    graph = pairs_graph(pairs, *weights, **motion)
     ends = graph.pair_of[:, sink]
 
     # For each pair the next one on the way to the goal: weights are the same both ways.
@@ -178,6 +190,10 @@ def joint_distance_to_go(
     goal: Cell,
     cell_size: float,
     switch_cost: float = 0.0,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.float64]:
     """What is left to the goal from every cell under every configuration, at the best: metres plus
     ``switch_cost`` metres a switch.
@@ -196,11 +212,13 @@ def joint_distance_to_go(
     target_db = checked_target(target_db)
     cell_size = checked_cell_size(cell_size)
     switch_cost = checked_switch_cost(switch_cost)
+    motion = checked_motion(corner_cutting, passable, gain_db.shape[1:])
+    gain_db = for_radius(gain_db, robot_radius, cell_size)
     sink = checked_end(gain_db, goal, "goal")
 
     pairs = feasible_pairs(gain_db, target_db)
     straight, diagonal, half_switch = _weights(pairs.shape, switch_cost / cell_size)
-    graph = pairs_graph(pairs, straight, diagonal, half_switch)
+    graph = pairs_graph(pairs, straight, diagonal, half_switch, **motion)
     to_go = np.full(pairs.shape, np.inf)
     ends = graph.pair_of[:, sink]
     ends = ends[ends >= 0]
@@ -213,18 +231,33 @@ def joint_distance_to_go(
     return to_go
 
 
-def highest_joint_target(gain_db: NDArray[np.float64], start: Cell, goal: Cell) -> float:
+def highest_joint_target(
+    gain_db: NDArray[np.float64],
+    start: Cell,
+    goal: Cell,
+    *,
+    cell_size: float | None = None,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
+) -> float:
     """The highest target in dB at which some path leads from start to goal, whatever it costs and
     whatever the first configuration, exactly; -inf where none does at any.
 
     A move can be made under the configuration that has the highest gain on the lower of its two
-    cells, as the panel may switch before and after it: that gain is the move's width, and the
-    target the bottleneck of the widest path.
+    cells (without corner cutting, on the lowest of a diagonal's four), as the panel may switch
+    before and after it: that gain is the move's width, and the target the bottleneck of the widest
+    path.
 
     Parameters
     ----------
     gain_db
         Shape ``(K, X, Y)``; -inf in obstacles.
+    cell_size
+        Edge of a cell in metres, which a ``robot_radius`` needs.
+    corner_cutting, robot_radius, passable
+        As in `irs_gym.shortest_path`, under the present configuration; the radius keeps the robot
+        away from obstacles, where no configuration has a gain.
 
     Examples
     --------
@@ -233,6 +266,8 @@ def highest_joint_target(gain_db: NDArray[np.float64], start: Cell, goal: Cell) 
     -63.0
     """
     gain_db = checked_gains(gain_db)
+    motion = checked_motion(corner_cutting, passable, gain_db.shape[1:])
+    gain_db = for_radius(gain_db, robot_radius, cell_size)
     source = checked_end(gain_db, start, "start")
     sink = checked_end(gain_db, goal, "goal")
     best = gain_db.max(axis=0).ravel()  # (X * Y,)
@@ -241,7 +276,10 @@ def highest_joint_target(gain_db: NDArray[np.float64], start: Cell, goal: Cell) 
 
     width = np.full((*gain_db.shape[1:], len(MOVES)), -np.inf)  # (X, Y, 8)
     for gains in gain_db:
-        np.maximum(width, np.minimum(gains[..., None], neighbours(gains, -np.inf)), out=width)
+        ahead = lowest_ahead(gains, -np.inf, corner_cutting)
+        np.maximum(width, np.minimum(gains[..., None], ahead), out=width)
+    if motion["passable"] is not None:
+        width[~motion["passable"]] = -np.inf
 
     moves = np.flatnonzero(np.isfinite(width))
     width = width.ravel()[moves]  # (moves,)
@@ -266,11 +304,12 @@ def joint_infeasible(
     goal: Cell,
     target_db: float,
     first: int | None = None,
+    **motion: Unpack[Motion],
 ) -> str:
     """What to say of a target at which no joint path leads from start to goal: it names the highest
     at which one does.
     """
-    highest = highest_joint_target(gain_db, start, goal)
+    highest = highest_joint_target(gain_db, start, goal, **motion)
     asked = ""
     if first is not None:
         highest = min(highest, float(gain_db[first, start[0], start[1]]))
@@ -319,7 +358,11 @@ def feasible_pairs(gain_db: NDArray[np.float64], target_db: float) -> NDArray[np
 
 
 def pairs_graph(
-    pairs: NDArray[np.bool_], straight: float, diagonal: float, half_switch: float | None = None
+    pairs: NDArray[np.bool_],
+    straight: float,
+    diagonal: float,
+    half_switch: float | None = None,
+    **motion: Unpack[Motion],
 ) -> Graph:
     """Graph of all moves, of those weights, and of all switches: over the hub of the cell, so that
     they take 2 K links and not K squared. No switches where their weight is None.
@@ -340,7 +383,7 @@ def pairs_graph(
 
     # each pair's links: its legal moves, then its hub, and where they lead
     links = np.empty((len(states), _SWITCH + 1), dtype=bool)
-    links[:, :_SWITCH] = legal_moves(pairs)[pairs]
+    links[:, :_SWITCH] = legal_moves(pairs, **motion)[pairs]
     links[:, _SWITCH] = np.tile(can_switch, configurations)[states]
     second = np.empty(links.shape, dtype=np.int32)
     for move, step in enumerate(flat_cells(MOVES, pairs.shape[1:])):
@@ -366,12 +409,16 @@ def pairs_graph(
 
 
 def least_to_go(
-    pairs: NDArray[np.bool_], straight: float, diagonal: float, sink: int
+    pairs: NDArray[np.bool_],
+    straight: float,
+    diagonal: float,
+    sink: int,
+    **motion: Unpack[Motion],
 ) -> NDArray[np.float64]:
     """Lengths of the shortest ways to a cell with as many switches as it takes, shape ``(X * Y,)``:
     over every move that some configuration allows.
     """
-    allowed = (legal_moves(pairs) & pairs[..., None]).any(axis=0)  # (X, Y, 8)
+    allowed = (legal_moves(pairs, **motion) & pairs[..., None]).any(axis=0)  # (X, Y, 8)
     first, move = np.divmod(np.flatnonzero(allowed), len(MOVES))
     second = first + flat_cells(MOVES, pairs.shape[1:])[move]
     weights = np.where(MOVE_LENGTHS == 1, straight, diagonal)[move]

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import frexp, ldexp
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import MOVE_LENGTHS, MOVES, flat_cells, legal_moves
+from irs_gym.grid import MOVE_LENGTHS, MOVES, Motion, flat_cells, legal_moves
 from irs_gym.memory import check_memory
 from irs_gym.oracle.shortest_path import Integers
 from irs_gym.oracle.whole_lengths import MOST_CELLS, whole_lengths
@@ -63,7 +63,10 @@ class Labels:
 
 
 def labels_to_go(
-    whole_costs: Numbers, goal: int, worth: Callable[[Labels], NDArray[np.bool_]]
+    whole_costs: Numbers,
+    goal: int,
+    worth: Callable[[Labels], NDArray[np.bool_]],
+    **motion: Unpack[Motion],
 ) -> Labels:
     """For each cell, the paths to the goal that no other is at most as long and as cheap as.
 
@@ -82,11 +85,13 @@ def labels_to_go(
     worth
         Which of the labels that are reached are worth to be settled, bools. It must keep all that
         others which are wanted go on from.
+    motion
+        What else `irs_gym.grid.legal_moves` asks of a move.
     """
     cells = whole_costs.size
     straight, diagonal = whole_lengths(cells)
     move_lengths = np.where(MOVE_LENGTHS == 1, straight, diagonal).astype(np.float64)  # (8,)
-    neighbours_of = _neighbours_of(np.isfinite(whole_costs))  # (8, X * Y)
+    neighbours_of = _neighbours_of(np.isfinite(whole_costs), **motion)  # (8, X * Y)
     enter = whole_costs.ravel()  # (X * Y,)
 
     # of the labels that are settled; nothing is cheaper than what lies off the map
@@ -182,13 +187,13 @@ def checked_costs(cost: object) -> Numbers:
 # --- the steps of the search ----------------------------------------------------------------------
 
 
-def _neighbours_of(free: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _neighbours_of(free: NDArray[np.bool_], **motion: Unpack[Motion]) -> NDArray[np.int64]:
     """Where moves lead and come from, flat cells ``(8, X * Y)``; X * Y, one past the last, for
     illegal ones.
     """
     here = np.arange(free.size).reshape(free.shape)  # (X, Y)
     there = here[..., None] + flat_cells(MOVES, free.shape)  # (X, Y, 8)
-    legal = np.where(legal_moves(free), there, free.size)
+    legal = np.where(legal_moves(free, **motion), there, free.size)
 
     return np.ascontiguousarray(legal.reshape(free.size, len(MOVES)).T)
 

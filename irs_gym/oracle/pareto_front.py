@@ -2,13 +2,23 @@
 
 from dataclasses import dataclass
 from math import fsum
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from irs_gym.grid import MOVE_LENGTHS, Cell, as_cell, cells_at, checked_cell_size
+from irs_gym.grid import (
+    MOVE_LENGTHS,
+    Cell,
+    Motion,
+    as_cell,
+    cells_at,
+    checked_cell_size,
+    checked_motion,
+    with_clearance,
+)
 from irs_gym.memory import freeze
 from irs_gym.oracle.budget_to_go import checked_budget
 from irs_gym.oracle.label_setting import (
@@ -145,7 +155,16 @@ class Front:
         return float(run[0] * rise[1] - run[1] * rise[0])
 
 
-def pareto_front(cost: NDArray[np.float64], start: Cell, goal: Cell, cell_size: float) -> Front:
+def pareto_front(
+    cost: NDArray[np.float64],
+    start: Cell,
+    goal: Cell,
+    cell_size: float,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
+) -> Front:
     """The Pareto front of cost and distance over all paths from start to goal, exactly.
 
     Lengths are compared as a + b sqrt(2), and costs as whole numbers of a unit, a power of two that
@@ -162,6 +181,8 @@ def pareto_front(cost: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
         Cells (i, j).
     cell_size
         Edge of a cell in metres.
+    corner_cutting, robot_radius, passable
+        As in `irs_gym.shortest_path`; the radius keeps the robot away from obstacles.
 
     Raises
     ------
@@ -183,17 +204,19 @@ def pareto_front(cost: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     goal = as_cell(goal, "goal")
     source = flat_cell(cost, start, "start")
     sink = flat_cell(cost, goal, "goal")
+    motion = checked_motion(corner_cutting, passable, cost.shape)
+    cost = np.where(with_clearance(np.isfinite(cost), robot_radius, cell_size), cost, np.inf)
     for name, cell in (("start", start), ("goal", goal)):
         if np.isinf(cost[cell]):
             raise ValueError(f"{name}={cell} lies in an obstacle: its cost is inf")
 
-    shortest = shortest_path(np.isfinite(cost), start, goal, cell_size)
+    shortest = shortest_path(np.isfinite(cost), start, goal, cell_size, **motion)
     if shortest is None:
         raise ValueError(f"no path leads from start={start} to goal={goal} around the obstacles")
 
     # no path of the front costs more than a shortest one
     whole, _ = whole_costs(cost, _sum(cost, shortest.cells))
-    labels = labels_to_go(whole, sink, _Bounds(whole, source))
+    labels = labels_to_go(whole, sink, _Bounds(whole, source, **motion), **motion)
 
     # those of the start, sorted by length: the shortest first
     paths: list[NDArray[np.int64]] = []
@@ -242,8 +265,8 @@ class _Bounds:
     and the least length that any path from the start has is of no use.
     """
 
-    def __init__(self, whole: Numbers, source: int) -> None:
-        rows, to, moves = edges(np.isfinite(whole))
+    def __init__(self, whole: Numbers, source: int, **motion: Unpack[Motion]) -> None:
+        rows, to, moves = edges(np.isfinite(whole), **motion)
         lengths = np.where(MOVE_LENGTHS == 1, *whole_lengths(whole.size)).astype(np.float64)[moves]
         costs = whole.ravel()[to]
         first = np.repeat(np.arange(whole.size), np.diff(rows))  # (moves,)

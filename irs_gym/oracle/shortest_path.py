@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import floor, sqrt
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,18 @@ from irs_gym.grid import (
     MOVE_LENGTHS,
     MOVES,
     Cell,
+    Motion,
     as_cell,
     cells_at,
     checked_cell_size,
     checked_map,
+    checked_motion,
+    checked_radius,
     flat_cells,
     legal_moves,
+    lowest_ahead,
     neighbours,
+    with_clearance,
 )
 from irs_gym.memory import freeze
 
@@ -74,7 +79,14 @@ def path_length(cells: NDArray[np.int64], cell_size: float) -> float:
 
 
 def shortest_path(
-    feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_size: float
+    feasible: NDArray[np.bool_],
+    start: Cell,
+    goal: Cell,
+    cell_size: float,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
 ) -> Path | None:
     """Shortest path over feasible cells: problem (15) of the paper, by Dijkstra's algorithm.
 
@@ -86,6 +98,13 @@ def shortest_path(
         Cells (i, j).
     cell_size
         Edge of a cell in metres.
+    corner_cutting
+        Whether a diagonal move may pass an infeasible cell beside it, as in the paper.
+    robot_radius
+        Metres that the centre of a cell must be away from all infeasible cells and the map's edge.
+        Where only some of them are obstacles, take a map of `RadioMap.for_robot` instead.
+    passable
+        Bool, shape ``(X, Y, 8)``: the moves that the robot's body can make; None: all.
 
     Returns
     -------
@@ -109,15 +128,18 @@ def shortest_path(
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
+    motion = checked_motion(corner_cutting, passable, feasible.shape)
     start = as_cell(start, "start")
     goal = as_cell(goal, "goal")
     source = flat_cell(feasible, start, "start")
     target = flat_cell(feasible, goal, "goal")
+    feasible = with_clearance(feasible, robot_radius, cell_size)
     if not (feasible[start] and feasible[goal]):
         return None
 
     # for each cell, the one that a shortest path from the start reaches it from, (X * Y,)
-    _, before = dijkstra(_graph(feasible), indices=source, return_predecessors=True)
+    graph = graph_of(feasible, **motion)
+    _, before = dijkstra(graph, indices=source, return_predecessors=True)
     if source != target and before[target] < 0:
         return None
 
@@ -132,12 +154,18 @@ def shortest_path(
 
 
 def distance_to_go(
-    feasible: NDArray[np.bool_], goal: Cell, cell_size: float
+    feasible: NDArray[np.bool_],
+    goal: Cell,
+    cell_size: float,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.float64]:
     """Length in metres of the shortest path from every cell to the goal.
 
-    Returns shape ``(X, Y)``; +inf where the goal cannot be reached. Raises ``ValueError`` as
-    `shortest_path` does.
+    The arguments are those of `shortest_path`. Returns shape ``(X, Y)``; +inf where the goal cannot
+    be reached. Raises ``ValueError`` as `shortest_path` does.
 
     Examples
     --------
@@ -147,19 +175,29 @@ def distance_to_go(
     """
     feasible = checked_map(feasible, "feasible", "b", GRAPH_BYTES)
     cell_size = checked_cell_size(cell_size)
+    motion = checked_motion(corner_cutting, passable, feasible.shape)
     goal = as_cell(goal, "goal")
     target = flat_cell(feasible, goal, "goal")
+    feasible = with_clearance(feasible, robot_radius, cell_size)
     if not feasible[goal]:
         return np.full(feasible.shape, np.inf)
 
     # Moves are symmetric, so distances from the goal are distances to it.
-    distance = dijkstra(_graph(feasible), indices=target).reshape(feasible.shape)
+    distance = dijkstra(graph_of(feasible, **motion), indices=target).reshape(feasible.shape)
 
     return np.asarray(distance * cell_size)
 
 
-def descend(to_go: NDArray[np.float64], start: Cell, cell_size: float) -> Path:
+def descend(
+    to_go: NDArray[np.float64],
+    start: Cell,
+    cell_size: float,
+    legal: NDArray[np.bool_] | None = None,
+) -> Path:
     """A shortest path read off the map of distances to go, by the steepest way down.
+
+    ``legal`` ``(X, Y, 8)``: the moves that are allowed, where those between two cells that lead to
+    the goal are not all.
 
     Raises
     ------
@@ -173,12 +211,14 @@ def descend(to_go: NDArray[np.float64], start: Cell, cell_size: float) -> Path:
     cells = [np.array(start)]
     while to_go[tuple(cells[-1])] > 0:
         ahead = cells[-1] + MOVES  # (8, 2)
-        on_map = np.all((ahead >= 0) & (ahead < to_go.shape), axis=1)
-        ahead = ahead[on_map]
+        is_open = np.all((ahead >= 0) & (ahead < to_go.shape), axis=1)
+        if legal is not None:
+            is_open &= legal[tuple(cells[-1])]
+        ahead = ahead[is_open]
 
         # On a shortest path, a move and the way that is left after it are together as long as the
         # way from here; after any other move they are longer.
-        length = MOVE_LENGTHS[on_map] * cell_size
+        length = MOVE_LENGTHS[is_open] * cell_size
         cells.append(ahead[np.argmin(length + to_go[ahead[:, 0], ahead[:, 1]])])
 
     path = np.stack(cells)
@@ -186,7 +226,9 @@ def descend(to_go: NDArray[np.float64], start: Cell, cell_size: float) -> Path:
     return Path(path_length(path, cell_size), path)
 
 
-def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np.float64]:
+def detours_of_moves(
+    to_go: NDArray[np.float64], cell_size: float, legal: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
     """How much longer than the shortest a path from each cell becomes with each move.
 
     Parameters
@@ -195,19 +237,27 @@ def detours_of_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np
         Distances to go in metres, +inf where the goal cannot be reached; shape ``(S, X, Y)``.
     cell_size
         Edge of a cell in metres.
+    legal
+        Moves that are allowed, shape ``(S, X, Y, 8)``, where those between two cells that lead to
+        the goal are not all.
 
     Returns
     -------
     Metres, shape ``(S, 8, X, Y)``; +inf for moves into and from cells from which the goal cannot be
-    reached.
+    reached, and for those that are not allowed.
     """
     ahead = neighbours(to_go, np.inf, axis=1)
+    if legal is not None:
+        ahead = np.where(np.moveaxis(legal, -1, 1), ahead, np.inf)
+
     length = MOVE_LENGTHS[:, None, None] * cell_size
 
     return ahead + length - np.where(np.isfinite(to_go), to_go, -np.inf)[:, None]
 
 
-def optimal_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np.bool_]:
+def optimal_moves(
+    to_go: NDArray[np.float64], cell_size: float, legal: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
     """Which moves from each cell begin a shortest path; the arguments are those of
     `detours_of_moves`.
 
@@ -216,23 +266,37 @@ def optimal_moves(to_go: NDArray[np.float64], cell_size: float) -> NDArray[np.bo
     Shape ``(S, 8, X, Y)``; no move where the goal cannot be reached, nor at the goal.
     """
     return (
-        detours_of_moves(to_go, cell_size)
+        detours_of_moves(to_go, cell_size, legal)
         <= np.where(np.isfinite(to_go), to_go, 0.0)[:, None] * _TIE
     )
 
 
-def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cell) -> float:
+def highest_feasible_target(
+    gain_db: NDArray[np.float64],
+    start: Cell,
+    goal: Cell,
+    *,
+    cell_size: float | None = None,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
+) -> float:
     """The highest target in dB at which start and goal are connected, exactly: the widest path's
     bottleneck.
 
     A path's bottleneck is its lowest gain; the widest path is that of the highest bottleneck. It
     runs in the maximum spanning tree of the free cells (Hu, 1961), a move being as wide as the
-    lower of its two cells. Returns -inf where no path exists at any target.
+    lower of its two cells (without corner cutting, a diagonal as the lowest of the four). Returns
+    -inf where no path exists at any target.
 
     Parameters
     ----------
     gain_db
         Shape ``(X, Y)``; -inf in obstacles.
+    cell_size
+        Edge of a cell in metres, which a ``robot_radius`` needs.
+    corner_cutting, robot_radius, passable
+        As in `shortest_path`; the radius keeps the robot away from obstacles.
 
     Raises
     ------
@@ -251,13 +315,15 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     goal = as_cell(goal, "goal")
     source = flat_cell(gain_db, start, "start")
     target = flat_cell(gain_db, goal, "goal")
+    motion = checked_motion(corner_cutting, passable, gain_db.shape)
+    gain_db = for_radius(gain_db, robot_radius, cell_size)
 
-    # Gains as ranks, 0 for the highest: a move costs the rank of the lower of its two cells. SciPy
+    # Gains as ranks, 0 for the highest: a move costs the rank of the lowest that it meets. SciPy
     # takes a weight of 0 for no edge, hence the 1.
     levels, rank = np.unique(-gain_db.ravel(), return_inverse=True)  # (K,), (X * Y,)
-    rows, second, _ = edges(np.isfinite(gain_db))
-    first_rank = np.repeat(rank, np.diff(rows))  # (moves,)
-    cost = np.maximum(first_rank, rank[second]) + 1.0
+    rows, second, moves = edges(np.isfinite(gain_db), **motion)
+    by_cell = rank.reshape(gain_db.shape)
+    cost = 1.0 - widths(-by_cell, rows, moves, **motion)
 
     # The tree that keeps the cheapest moves, those of the highest gains.
     graph = csr_array((cost, second, rows), shape=(gain_db.size,) * 2)
@@ -270,31 +336,42 @@ def highest_feasible_target(gain_db: NDArray[np.float64], start: Cell, goal: Cel
     worst = rank[target]
 
     while cell != source:
+        last = cell
         cell = before[cell]
         if cell < 0:  # another tree of the forest
             return -np.inf
         worst = max(worst, rank[cell])
+        if not corner_cutting:  # of a move along an axis, the cells beside it are its own
+            i, j = divmod(last, gain_db.shape[1])
+            k, m = divmod(cell, gain_db.shape[1])
+            worst = max(worst, by_cell[i, m], by_cell[k, j])
 
     return -float(levels[worst])
 
 
-def largest_component(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def largest_component(free: NDArray[np.bool_], **motion: Unpack[Motion]) -> NDArray[np.bool_]:
     """The largest set of free cells that are all connected, shape ``(X, Y)``; the first of several
     as large.
     """
     # obstacles are components of one cell each, and count for nothing
-    _, labels = connected_components(_graph(free), directed=False)  # (X * Y,)
+    _, labels = connected_components(graph_of(free, **motion), directed=False)  # (X * Y,)
     sizes = np.bincount(labels, weights=free.ravel())
     largest: NDArray[np.bool_] = labels == np.argmax(sizes)
 
     return free & largest.reshape(free.shape)
 
 
-def infeasible(gain_db: NDArray[np.float64], start: Cell, goal: Cell, target_db: float) -> str:
+def infeasible(
+    gain_db: NDArray[np.float64],
+    start: Cell,
+    goal: Cell,
+    target_db: float,
+    **motion: Unpack[Motion],
+) -> str:
     """What to say of a target at which start and goal are not connected: it names the highest that
     is feasible.
     """
-    highest = highest_feasible_target(gain_db, start, goal)
+    highest = highest_feasible_target(gain_db, start, goal, **motion)
     # rounded down, so that the number is feasible when typed in
     advice = (
         "no target is"
@@ -312,7 +389,25 @@ def flat_cell(array: NDArray[np.generic], cell: Cell, name: str) -> int:
     return int(flat_cells(np.array(cell), array.shape[:2]))
 
 
-def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
+def for_radius(
+    gain_db: NDArray[np.float64], robot_radius: float, cell_size: float | None
+) -> NDArray[np.float64]:
+    """The gains ``(..., X, Y)``, of one map or of several configurations, with -inf wherever a
+    robot of that radius cannot be; see `irs_gym.grid.with_clearance`.
+    """
+    if not checked_radius(robot_radius):
+        return gain_db
+    if cell_size is None:
+        raise ValueError(f"robot_radius={robot_radius} needs a cell_size in metres")
+
+    maps = np.isfinite(gain_db).reshape(-1, *gain_db.shape[-2:])  # (K, X, Y)
+    free = np.asarray(maps.any(axis=0))
+    is_clear = with_clearance(free, robot_radius, checked_cell_size(cell_size))
+
+    return np.where(is_clear, gain_db, -np.inf)
+
+
+def edges(free: NDArray[np.bool_], **motion: Unpack[Motion]) -> tuple[Integers, Integers, Integers]:
     """All legal moves between free cells, as compressed sparse rows over flat cells.
 
     Returns
@@ -327,7 +422,7 @@ def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
     """
     # half the memory for all but giant maps
     index = np.dtype(np.int32 if free.size * len(MOVES) < 2**31 else np.int64)
-    legal = legal_moves(free) & free[:, :, None]  # (X, Y, 8)
+    legal = legal_moves(free, **motion) & free[:, :, None]  # (X, Y, 8)
 
     # how many moves leave each cell, added up
     rows: Integers = np.zeros(free.size + 1, dtype=index)
@@ -340,7 +435,19 @@ def edges(free: NDArray[np.bool_]) -> tuple[Integers, Integers, Integers]:
     return rows, cells, moves
 
 
-def _graph(free: NDArray[np.bool_]) -> csr_array:
+def widths(
+    values: NDArray[Any], rows: Integers, moves: Integers, **motion: Unpack[Motion]
+) -> NDArray[Any]:
+    """The lowest of the values ``(X, Y)`` that each of the `edges` meets, where it begins, where it
+    ends and, without corner cutting, beside it; shape ``(moves,)``.
+    """
+    first = np.repeat(np.arange(values.size, dtype=rows.dtype), np.diff(rows))  # (moves,)
+    corner_cutting = motion.get("corner_cutting", True)
+    ahead = lowest_ahead(values, values.min(), corner_cutting).reshape(-1, len(MOVES))
+    return np.asarray(np.minimum(values.ravel()[first], ahead[first, moves]))
+
+
+def graph_of(free: NDArray[np.bool_], **motion: Unpack[Motion]) -> csr_array:
     """Weighted graph of eq. (17) over the free cells, lengths in cells."""
-    rows, cells, moves = edges(free)
+    rows, cells, moves = edges(free, **motion)
     return csr_array((MOVE_LENGTHS[moves], cells, rows), shape=(free.size, free.size))

@@ -7,19 +7,26 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell, as_cell, checked_cell_size, checked_map
+from irs_gym.grid import Cell, as_cell, checked_cell_size, checked_map, with_clearance
 from irs_gym.memory import check_memory
 from irs_gym.oracle.shortest_path import shortest_path
 
 _CELL_BYTES = 2000  # for each cell: a square, joined with the others
 _SIGHT_BYTES = 100  # gone over for each pair of corners
+_GROWTH = 1e-7  # half cells
 
 # (n, 2), in half cells from the map's lower left corner, so that all are whole numbers
 Points = NDArray[np.int64]
 
 
 def straight_line_bound(
-    feasible: NDArray[np.bool_], start: Cell, goal: Cell, cell_size: float
+    feasible: NDArray[np.bool_],
+    start: Cell,
+    goal: Cell,
+    cell_size: float,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
 ) -> float:
     """Length in metres of the shortest path of any shape, from centre to centre, inside the
     feasible cells.
@@ -37,6 +44,10 @@ def straight_line_bound(
         Cells (i, j).
     cell_size
         Edge of a cell in metres.
+    corner_cutting
+        Whether the path may pass between two cells that touch at a corner only.
+    robot_radius
+        Keeps the robot to fewer cells, as in `irs_gym.oracle.shortest_path.shortest_path`.
 
     Returns
     -------
@@ -61,11 +72,12 @@ def straight_line_bound(
     cell_size = checked_cell_size(cell_size)
     start = as_cell(start, "start")
     goal = as_cell(goal, "goal")
-    path = shortest_path(feasible, start, goal, 1.0)
+    feasible = with_clearance(feasible, robot_radius, cell_size)
+    path = shortest_path(feasible, start, goal, 1.0, corner_cutting=corner_cutting)
     if path is None:
         return inf
 
-    corners, slopes = _corners(feasible)
+    corners, slopes = _corners(feasible, corner_cutting)
     check_memory(
         f"feasible: lines of sight between {len(corners)} corners",
         0,
@@ -73,12 +85,17 @@ def straight_line_bound(
     )
     # Cell (i, j) is the square from (2i, 2j) to (2i + 2, 2j + 2) half cells: the ends are centres.
     points = np.concatenate([2 * np.array([start, goal]) + 1, corners])
-    bound = _search(points, np.append([0, 0], slopes), _area(feasible), 2 * path.distance) / 2
+    bound = (
+        _search(
+            points, np.append([0, 0], slopes), _area(feasible, corner_cutting), 2 * path.distance
+        )
+        / 2
+    )
 
     return min(bound, path.distance) * cell_size  # equal lengths may be rounded differently
 
 
-def _corners(feasible: NDArray[np.bool_]) -> tuple[Points, NDArray[np.int64]]:
+def _corners(feasible: NDArray[np.bool_], corner_cutting: bool) -> tuple[Points, NDArray[np.int64]]:
     """Points where a shortest path may bend, ``(n, 2)``, and the sign of the slopes dy/dx that it
     may have there.
 
@@ -87,32 +104,52 @@ def _corners(feasible: NDArray[np.bool_]) -> tuple[Points, NDArray[np.int64]]:
     nor could be pulled straight, so its pieces run in the quadrants of the other diagonal, both on
     their way in and out.
     """
-    # around the corner (i, j) of cells, with infeasible ones outside of the map: (X + 1, Y + 1)
-    blocked = np.pad(~feasible, 1, constant_values=True)
-    south_west = blocked[:-1, :-1]
-    south_east = blocked[1:, :-1]
-    north_west = blocked[:-1, 1:]
-    north_east = blocked[1:, 1:]
+    south_west, south_east, north_west, north_east = _blocked_around(feasible)
 
     # Infeasible cells on one diagonal alone: the path bends around them, along the other one.
     rising = south_west | north_east
     falling = south_east | north_west
     slope = np.where(falling, 1, -1) * (rising != falling)
+    if not corner_cutting:  # no path passes where cells touch at a corner, so none bends there
+        slope[_touches(feasible)] = 0
 
     return 2 * np.argwhere(slope), slope[slope != 0]
 
 
-def _area(feasible: NDArray[np.bool_]) -> Any:
+def _blocked_around(feasible: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Whether each of the four cells around each corner (i, j) of cells is infeasible, as all are
+    outside of the map: south-west, south-east, north-west, north-east, ``(X + 1, Y + 1)`` each.
+    """
+    blocked = np.pad(~feasible, 1, constant_values=True)
+    return [blocked[:-1, :-1], blocked[1:, :-1], blocked[:-1, 1:], blocked[1:, 1:]]
+
+
+def _touches(feasible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where two feasible cells touch at a corner only, ``(X + 1, Y + 1)``."""
+    south_west, south_east, north_west, north_east = _blocked_around(feasible)
+    is_rising = ~south_west & ~north_east & south_east & north_west
+    is_falling = south_west & north_east & ~south_east & ~north_west
+
+    return is_rising | is_falling
+
+
+def _area(feasible: NDArray[np.bool_], corner_cutting: bool) -> Any:
     """The feasible cells as one polygon, grown by so little that it takes in its border and no new
     line of sight.
 
     A segment between whole points passes a whole point that it misses at 1/length or more, far
-    beyond this growth.
+    beyond this growth. Without corner cutting, points where cells touch at a corner only are cut
+    out, and twice the growth around them.
     """
     low = 2 * np.argwhere(feasible)
     area = shapely.coverage_union_all(shapely.box(*low.T, *(low + 2).T)).buffer(
-        1e-7, join_style="mitre"
+        _GROWTH, join_style="mitre"
     )
+    if not corner_cutting:
+        touch = 2 * np.argwhere(_touches(feasible))  # (n, 2)
+        gaps = shapely.box(*(touch - 2 * _GROWTH).T, *(touch + 2 * _GROWTH).T)
+        area = shapely.difference(area, shapely.union_all(gaps))
+
     shapely.prepare(area)
 
     return area

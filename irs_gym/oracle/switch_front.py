@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from irs_gym.grid import Cell, checked_cell_size
+from irs_gym.grid import Cell, checked_cell_size, checked_motion
 from irs_gym.memory import freeze
 from irs_gym.oracle.joint import (
     Graph,
@@ -21,7 +21,7 @@ from irs_gym.oracle.joint import (
     pairs_graph,
     path_of_pairs,
 )
-from irs_gym.oracle.shortest_path import Integers
+from irs_gym.oracle.shortest_path import Integers, for_radius
 from irs_gym.oracle.whole_lengths import whole_lengths
 
 
@@ -61,7 +61,15 @@ class SwitchFront:
 
 
 def switch_front(
-    gain_db: NDArray[np.float64], target_db: float, start: Cell, goal: Cell, cell_size: float
+    gain_db: NDArray[np.float64],
+    target_db: float,
+    start: Cell,
+    goal: Cell,
+    cell_size: float,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
 ) -> SwitchFront:
     """Every point of (switches, metres): the shortest path with 0, 1, 2 ... switches, as long as
     one more makes it shorter. The first configuration is free.
@@ -82,6 +90,9 @@ def switch_front(
         Cells (i, j).
     cell_size
         Edge of a cell in metres.
+    corner_cutting, robot_radius, passable
+        As in `irs_gym.shortest_path`, under the present configuration; the radius keeps the robot
+        away from obstacles, where no configuration has a gain.
 
     Raises
     ------
@@ -101,13 +112,15 @@ def switch_front(
     gain_db = checked_gains(gain_db)
     target_db = checked_target(target_db)
     cell_size = checked_cell_size(cell_size)
+    motion = checked_motion(corner_cutting, passable, gain_db.shape[1:])
+    gain_db = for_radius(gain_db, robot_radius, cell_size)
     source = checked_end(gain_db, start, "start")
     sink = checked_end(gain_db, goal, "goal")
 
     pairs = feasible_pairs(gain_db, target_db)
     lengths = whole_lengths(int(np.count_nonzero(pairs)))
-    graph = pairs_graph(pairs, *lengths)
-    to_go = least_to_go(pairs, *lengths, sink)  # (X * Y,)
+    graph = pairs_graph(pairs, *lengths, **motion)
+    to_go = least_to_go(pairs, *lengths, sink, **motion)  # (X * Y,)
 
     layers: list[NDArray[np.float64]] = []  # each (K, X * Y): least length to every pair
     points: list[JointPath] = []
@@ -129,7 +142,7 @@ def switch_front(
             points.append(path_of_pairs(states, pairs.shape, cell_size, 0.0))
 
     if not points:
-        raise ValueError(joint_infeasible(gain_db, start, goal, target_db))
+        raise ValueError(joint_infeasible(gain_db, start, goal, target_db, **motion))
 
     return SwitchFront(
         np.array([path.switches for path in points], dtype=np.int64),

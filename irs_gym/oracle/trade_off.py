@@ -2,16 +2,40 @@
 
 from bisect import bisect_left
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra
 
-from irs_gym.grid import MOVE_LENGTHS, Cell, as_cell, checked_cell_size, checked_map
+from irs_gym.grid import (
+    MOVE_LENGTHS,
+    Cell,
+    Motion,
+    as_cell,
+    checked_cell_size,
+    checked_map,
+    checked_motion,
+)
 from irs_gym.memory import freeze
-from irs_gym.oracle.shortest_path import GRAPH_BYTES, Integers, edges, flat_cell
+from irs_gym.oracle.shortest_path import (
+    GRAPH_BYTES,
+    Integers,
+    edges,
+    flat_cell,
+    for_radius,
+    widths,
+)
 from irs_gym.oracle.whole_lengths import MOST_CELLS, true_length, whole_lengths
+
+
+class Moves(NamedTuple):
+    """Moves over flat cells."""
+
+    first: Integers  # (moves,), the cells that they leave
+    second: Integers  # (moves,), those that they enter
+    width: NDArray[np.float64]  # (moves,), the highest target in dB that allows each
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +84,16 @@ class TradeOff:
         return np.asarray(np.append(self.distances, np.inf)[step])
 
 
-def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: float) -> TradeOff:
+def trade_off(
+    gain_db: NDArray[np.float64],
+    start: Cell,
+    goal: Cell,
+    cell_size: float,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    passable: NDArray[np.bool_] | None = None,
+) -> TradeOff:
     """The whole trade-off between the target and the shortest distance (the paper's Fig. 5),
     exactly.
 
@@ -77,6 +110,9 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
         Cells (i, j).
     cell_size
         Edge of a cell in metres.
+    corner_cutting, robot_radius, passable
+        As in `irs_gym.oracle.shortest_path.shortest_path`; the radius keeps the robot away from
+        obstacles.
 
     Raises
     ------
@@ -105,6 +141,8 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     goal = as_cell(goal, "goal")
     source = flat_cell(gain_db, start, "start")
     sink = flat_cell(gain_db, goal, "goal")
+    motion = checked_motion(corner_cutting, passable, gain_db.shape)
+    gain_db = for_radius(gain_db, robot_radius, cell_size)
     gain = gain_db.ravel()  # (X * Y,)
 
     targets_db: list[float] = []
@@ -114,14 +152,14 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
 
     while min(gain[source], gain[sink]) > above:
         # the distance for targets that are a little higher
-        to_go, graph = _distances_to_go(gain_db > above, sink)
+        to_go, graph, width = _distances_to_go(gain_db, above, sink, motion)
         runs += 1
         if np.isinf(to_go[source]):
             break
 
         # It stays the same as long as one of all the shortest paths is feasible: up to the
         # bottleneck of the widest of them.
-        above = _bottleneck(_shortest_paths(graph, to_go), gain, source, sink)
+        above = _bottleneck(_shortest_paths(graph, to_go, width), gain, source, sink)
         targets_db.append(above)
         distances.append(true_length(to_go[source], gain.size) * cell_size)
 
@@ -131,22 +169,26 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
 # --- all shortest paths ---------------------------------------------------------------------------
 
 
-def _distances_to_go(free: NDArray[np.bool_], sink: int) -> tuple[NDArray[np.float64], csr_array]:
-    """Whole lengths of the shortest paths to the goal, shape ``(X * Y,)``, and the graph of all
-    moves.
+def _distances_to_go(
+    gain_db: NDArray[np.float64], above: float, sink: int, motion: Motion
+) -> tuple[NDArray[np.float64], csr_array, NDArray[np.float64]]:
+    """Over cells above a gain: whole lengths of the shortest paths to the goal, shape ``(X * Y,)``,
+    the graph of all moves, and the highest target that allows each, ``(moves,)``.
     """
-    rows, cells, moves = edges(free)
-    lengths = np.where(MOVE_LENGTHS == 1, *whole_lengths(free.size)).astype(np.float64)
-    graph = csr_array((lengths[moves], cells, rows), shape=(free.size, free.size))
+    rows, cells, moves = edges(gain_db > above, **motion)
+    lengths = np.where(MOVE_LENGTHS == 1, *whole_lengths(gain_db.size)).astype(np.float64)
+    graph = csr_array((lengths[moves], cells, rows), shape=(gain_db.size, gain_db.size))
 
-    return dijkstra(graph, indices=sink), graph
+    return dijkstra(graph, indices=sink), graph, widths(gain_db, rows, moves, **motion)
 
 
 # --- the widest of all shortest paths -------------------------------------------------------------
 
 
-def _shortest_paths(graph: csr_array, to_go: NDArray[np.float64]) -> tuple[Integers, Integers]:
-    """The moves (from, to) that lie on a shortest path to the goal."""
+def _shortest_paths(
+    graph: csr_array, to_go: NDArray[np.float64], width: NDArray[np.float64]
+) -> Moves:
+    """The moves that lie on a shortest path to the goal, of all those of the graph."""
     first = np.repeat(np.arange(len(to_go)), np.diff(graph.indptr))  # (moves,)
 
     # A move is on one if it takes off the way to go exactly its own length: whole numbers, so that
@@ -154,24 +196,25 @@ def _shortest_paths(graph: csr_array, to_go: NDArray[np.float64]) -> tuple[Integ
     with np.errstate(invalid="ignore"):  # inf - inf where the goal cannot be reached
         is_shortest = to_go[first] - to_go[graph.indices] == graph.data
 
-    return first[is_shortest], graph.indices[is_shortest]
+    return Moves(first[is_shortest], graph.indices[is_shortest], width[is_shortest])
 
 
-def _bottleneck(
-    moves: tuple[Integers, Integers], gain: NDArray[np.float64], source: int, sink: int
-) -> float:
+def _bottleneck(moves: Moves, gain: NDArray[np.float64], source: int, sink: int) -> float:
     """The highest gain that some path along ``moves`` keeps from source to sink."""
-    first, second = moves
-    width = np.minimum(gain[first], gain[second])  # (moves,): the highest target that allows each
 
     def reached(target_db: float) -> Integers:
-        kept = width >= target_db
-        graph = csr_array((kept[kept], (first[kept], second[kept])), shape=(gain.size,) * 2)
+        kept = moves.width >= target_db
+        graph = csr_array(
+            (kept[kept], (moves.first[kept], moves.second[kept])), shape=(gain.size,) * 2
+        )
         return np.asarray(breadth_first_order(graph, source, return_predecessors=False))
 
-    # The bottleneck is the gain of some cell on the way, and neither end has a lower one.
-    values = np.unique(gain[reached(-np.inf)])  # rising
-    values = values[values <= min(gain[source], gain[sink])]
+    # The bottleneck is the width of some move on the way, and neither end has a lower gain.
+    is_near = np.zeros(gain.size, dtype=bool)
+    is_near[reached(-np.inf)] = True
+    ends = min(gain[source], gain[sink])
+    values = np.unique(np.append(moves.width[is_near[moves.first]], ends))  # rising
+    values = values[values <= ends]
 
     # Bisection: the goal is reached up to some gain, and at none above.
     lost = bisect_left(values, True, key=lambda target_db: sink not in reached(target_db))

@@ -9,6 +9,7 @@ from io import BytesIO
 from math import isfinite
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,7 @@ from irs_gym.memory import check_memory, freeze
 from irs_gym.radio.fading import Fading, MeasuredFading, RicianFading, fading_of
 from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser, channel
 from irs_gym.radio.scene import Scene, load_scene
+from irs_gym.radio.solids import centres_of, overlooked, solids_of
 from irs_gym.units import Floats, linear_to_db
 
 # complex entries (cells x sub-surfaces or elements) in work at a time: bounds memory for any map
@@ -312,6 +314,11 @@ def build_radio_map(
         obstacle, or outside a room that is a polygon. With several access points, each cell is
         served by the one that gives it the highest gain.
 
+    Warns
+    -----
+    UserWarning
+        Where an obstacle holds the centre of no cell: it is named, and see `irs_gym.Robot`.
+
     Raises
     ------
     FileNotFoundError
@@ -328,7 +335,14 @@ def build_radio_map(
     True
     """
     model = RadioModel.of(scene, cell_size, irs_elements, phase_bits, quantiser, array_model)
-    return build_map_and_shifts(model, needs_shifts=False)[0]
+    radio_map, _ = build_map_and_shifts(model, needs_shifts=False)
+
+    _, blocking = solids_of(model.scene).met_by(centres_of(model.grid), 0.0)
+    missed = overlooked(model.scene, blocking)
+    if missed:
+        warn(f'{missed}: robots drive through, unless with collision="body"', stacklevel=2)
+
+    return radio_map
 
 
 def build_phase_shifts(

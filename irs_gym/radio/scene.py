@@ -348,7 +348,7 @@ class Scene(Part):
         try:
             return cls.model_validate_json(json.dumps(dict(data)), strict=True)
         except ValidationError as error:
-            raise ValueError(f"scene: {_in_one_line(error)}") from None
+            raise ValueError(f"scene: {in_one_line(error)}") from None
         except TypeError as error:
             raise ValueError(f"scene holds what JSON cannot: {error}") from None
 
@@ -519,7 +519,7 @@ def load_scene(source: str | Path) -> Scene:
     try:
         return Scene.model_validate_json(text, strict=True)
     except ValidationError as error:
-        raise ValueError(f"scene {str(source)!r}: {_in_one_line(error)}") from None
+        raise ValueError(f"scene {str(source)!r}: {in_one_line(error)}") from None
 
 
 def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
@@ -543,7 +543,7 @@ def load_scenes(folder: str | Path) -> tuple[Scene, ...]:
     return tuple(load_scene(file).model_copy(update={"name": file.stem}) for file in files)
 
 
-def _in_one_line(error: ValidationError) -> str:
+def in_one_line(error: ValidationError) -> str:
     """What pydantic says of each mistake, with the field at fault: ``start[0]: ...; goal: ...``."""
     mistakes = []
     for mistake in error.errors(include_url=False)[:_MOST_LISTED]:

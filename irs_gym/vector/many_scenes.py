@@ -314,7 +314,9 @@ def build_many_scenes(worlds: Worlds) -> ManyScenes:
         gain_db = pool.gain_db[block]
         seen[block, :columns, :rows] = scaled_margin(gain_db, pool.target_db[block, None, None])
 
-        may = permissions(task.constraint, pool.free[block], pool.feasible[block])
+        may = permissions(
+            task.constraint, pool.free[block], pool.feasible[block], **pool.motion(block)
+        )
         for kind, is_set in zip(moves, may, strict=False):
             kind[block, :columns, :rows] = pack_moves(is_set)
 

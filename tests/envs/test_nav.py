@@ -363,7 +363,7 @@ def test_a_new_start_costs_no_run_of_dijkstra(monkeypatch):
     runs = []
     original = irs_gym.mdp.dynamics.distance_to_go
     monkeypatch.setattr(
-        irs_gym.mdp.dynamics, "distance_to_go", lambda *a: runs.append(a) or original(*a)
+        irs_gym.mdp.dynamics, "distance_to_go", lambda *a, **k: runs.append(a) or original(*a, **k)
     )
     for i in range(10, 30):
         env.reset(options={"start": (i, 35)})

@@ -6,6 +6,7 @@ from math import inf
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +14,9 @@ from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target
 from irs_gym.radio.irs import Hardware, channel
 from irs_gym.radio.radio_map import RadioMap, build_radio_map
 from irs_gym.radio.scene import Scene, load_scene
+
+# some boxes are smaller than a cell
+pytestmark = pytest.mark.filterwarnings("ignore:.*no cell is blocked by")
 
 PAPER = load_scene("paper").model_dump()
 SAME = {wall: wall for wall in ("x_min", "x_max", "y_min", "y_max")}

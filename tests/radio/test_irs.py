@@ -22,6 +22,9 @@ from irs_gym.radio.irs import (
 from irs_gym.radio.radio_map import build_phase_shifts, build_radio_map
 from irs_gym.radio.scene import Scene, load_scene
 
+# screens stand where they hold no cell
+pytestmark = pytest.mark.filterwarnings("ignore:.*no cell is blocked by")
+
 PAPER = load_scene("paper")
 HARDWARE = [
     Hardware(),

@@ -11,6 +11,9 @@ from irs_gym.radio.propagation import link, path_loss_db
 from irs_gym.radio.scene import Scene, load_scene
 from irs_gym.units import wavelength_m
 
+# screens stand where they hold no cell
+pytestmark = pytest.mark.filterwarnings("ignore:.*no cell is blocked by")
+
 PAPER = load_scene("paper")
 
 # 3GPP TR 38.901, table 7.4.1-1, as it is printed: d in metres, f in GHz

@@ -1,0 +1,574 @@
+"""The rules of a robot that also switches the panel's configuration: `CodebookMaps`, all that a
+task fixes, and `CodebookRules` over its states, each a configuration and a cell.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irs_gym.grid import MOVE_LENGTHS, Cell, Grid, as_cell, cells_at, flat_cells
+from irs_gym.mdp.codebook_packing import CodebookPacking, one_hot
+from irs_gym.mdp.dynamics import (
+    ACTIONS,
+    Transition,
+    draw_start,
+    draws_start,
+    ends,
+    judged,
+    next_cells,
+    permissions,
+    potential,
+    reward,
+    start_cells,
+)
+from irs_gym.mdp.packing import Parts, own_positions, scaled_margin, vectors_to_goal
+from irs_gym.mdp.task import Rules, Task, World, is_integer
+from irs_gym.memory import check_memory, freeze, frozen
+from irs_gym.oracle.joint import joint_distance_to_go, joint_infeasible
+from irs_gym.radio.radio_map import RadioMap
+from irs_gym.radio.scene import Scene
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_STATE_BYTES = 60  # of maps, distances and permissions for each configuration of each cell
+_ENTRY_BYTES = 120  # of a state and an action in a table of transitions, with what it is made of
+
+
+@dataclass(frozen=True, eq=False)
+class CodebookMaps:
+    """S scenes with the maps of their K configurations, on one frame of X x Y cells; nothing in it
+    ever changes.
+    """
+
+    rules: Rules
+    switch_cost: float  # metres
+    names: tuple[str, ...]
+    scenes: tuple[Scene, ...]  # with the elements that the task asks for
+    target_db: Floats  # (S,)
+    gain_db: Floats  # (S, K, X, Y), -inf in obstacles
+    to_go: Floats  # (S, K, X, Y): metres to the scene's own goal, switches included
+    irs: NDArray[np.float32]  # (S, K, 3 + N): what is told of the IRS as configured, in [-1, 1]
+    start: Ints  # (S, 2)
+    goal: Ints  # (S, 2)
+    cell_size: float
+    source: tuple[Callable[..., "CodebookMaps"], tuple[Any, ...]] = field(repr=False)
+    """A call that gives it again."""
+
+    def __post_init__(self) -> None:
+        freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
+
+    def __reduce__(self) -> Any:
+        return self.source
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def configurations(self) -> int:
+        """K."""
+        return self.gain_db.shape[1]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The frame (X, Y)."""
+        return self.gain_db.shape[2], self.gain_db.shape[3]
+
+    @property
+    def size(self) -> int:
+        """Cells of the frame, C."""
+        return self.shape[0] * self.shape[1]
+
+    @cached_property
+    def free(self) -> Bools:
+        """Cells that a robot can enter, whatever the target, ``(S, X, Y)``."""
+        return frozen(np.isfinite(self.gain_db[:, 0]))
+
+    @cached_property
+    def feasible(self) -> Bools:
+        """Free cells at or above the target under each configuration, ``(S, K, X, Y)``."""
+        is_met = self.gain_db >= self.target_db[:, None, None, None]
+        return frozen(self.free[:, None] & is_met)
+
+    @cached_property
+    def strongest(self) -> Ints:
+        """The configuration of the highest gain in each cell, the first of equals, ``(S, X, Y)``:
+        an episode begins in that of its start.
+        """
+        return frozen(self.gain_db.argmax(axis=1))
+
+    @cached_property
+    def permissions(self) -> tuple[Bools, Bools]:
+        """Which moves are not refused, and which miss the target, ``(S * K * C, 8)`` each."""
+        free = np.broadcast_to(self.free[:, None], self.feasible.shape)
+        may = permissions(self.rules.constraint, free, self.feasible)
+        legal, violating = (frozen(each.reshape(-1, ACTIONS)) for each in may)
+
+        return legal, violating
+
+    @cached_property
+    def margin(self) -> NDArray[np.float32]:
+        """Scaled margins, with a border of -1 as wide as robots see,
+        ``(S * K, X + 2r, Y + 2r)``.
+        """
+        radius = self.rules.patch_radius
+        margin = self._scaled.reshape(-1, *self.shape)
+        around = ((0, 0), (radius, radius), (radius, radius))
+
+        return frozen(np.pad(margin, around, constant_values=-1.0))
+
+    @cached_property
+    def gains(self) -> NDArray[np.float32]:
+        """Scaled margins of all configurations in each cell, ``(S * C, K)``."""
+        by_cell = np.moveaxis(self._scaled, 1, -1).reshape(-1, self.configurations)
+        return frozen(np.ascontiguousarray(by_cell))
+
+    @property
+    def _scaled(self) -> NDArray[np.float32]:
+        return scaled_margin(self.gain_db, self.target_db[:, None, None, None])
+
+    def grid(self, scene: int) -> Grid:
+        """The cells of a scene, on the frame."""
+        return Grid(self.shape, self.cell_size, self.scenes[scene].room.lower)
+
+    def own_goal(self, scene: int) -> Cell:
+        """Goal of a scene."""
+        i, j = self.goal[scene].tolist()
+        return i, j
+
+    def own_start(self, scene: int) -> Cell:
+        """Start of a scene."""
+        i, j = self.start[scene].tolist()
+        return i, j
+
+    @cached_property
+    def fingerprint(self) -> bytes:
+        """8 bytes that tell maps and rules apart; see `irs_gym.mdp.task.World.fingerprint`."""
+        rules = self.rules
+        said = (rules.constraint, bool(rules.shaping), float(rules.goal_bonus), self.switch_cost)
+        place = repr((self.gain_db.shape, float(self.cell_size), said)).encode()
+        arrays = self.target_db.tobytes() + self.gain_db.tobytes()
+
+        return blake2b(place + arrays, digest_size=8).digest()
+
+
+def check_maps_memory(scenes: int, configurations: int, shape: tuple[int, int], asked: str) -> None:
+    """Refuse maps that would take too much memory, before any is made."""
+    states = float(scenes) * configurations * shape[0] * shape[1]
+    check_memory(
+        f"{asked}: {configurations} configurations of {scenes} maps of {shape[0]} x {shape[1]} "
+        "cells",
+        _STATE_BYTES * states,
+    )
+
+
+def to_go_of(maps: CodebookMaps, scene: int, goal: Cell) -> Floats:
+    """Metres to a goal in a scene, switches included, ``(K, X, Y)``; +inf where it cannot be
+    reached.
+    """
+    return maps.to_go[scene] if goal == maps.own_goal(scene) else _to_go(maps, scene, goal)
+
+
+@lru_cache(maxsize=64)
+def _to_go(maps: CodebookMaps, scene: int, goal: Cell) -> Floats:
+    """As `to_go_of`, for another goal than the scene's; kept, so that it costs nothing again."""
+    return frozen(
+        joint_distance_to_go(
+            maps.gain_db[scene],
+            float(maps.target_db[scene]),
+            goal,
+            maps.cell_size,
+            maps.switch_cost,
+        )
+    )
+
+
+@lru_cache(maxsize=64)
+def configuration_world(maps: CodebookMaps, scene: int, configuration: int) -> World:
+    """The world of `IrsNav-v0` with the map of one configuration that never changes."""
+    target_db = float(maps.target_db[scene])
+    built = maps.scenes[scene]
+    rules = {name: getattr(maps.rules, name) for name in Rules.__dataclass_fields__}
+    irs = maps.irs[scene, configuration]
+
+    return World(
+        task=Task(target_db=target_db, cell_size=maps.cell_size, scene=built, **rules),
+        target_db=target_db,
+        scene=built,
+        radio_map=RadioMap(maps.gain_db[scene, configuration], grid=maps.grid(scene)),
+        start=maps.own_start(scene),
+        goal=maps.own_goal(scene),
+        feasible=maps.feasible[scene, configuration],
+        irs=np.broadcast_to(irs, (*maps.shape, len(irs))),
+        source=(configuration_world, (maps, scene, configuration)),
+    )
+
+
+# --- where episodes begin -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where an episode begins and ends."""
+
+    scene: int
+    configuration: int
+    start: Cell
+    goal: Cell
+
+
+def choose_ends(
+    maps: CodebookMaps, scene: int, given: Mapping[str, Any], rng: Callable[[], Any]
+) -> Ends:
+    """The ends given as ``start``, ``goal`` and ``configuration``; else the scene's own goal, a
+    start as the task says, and the configuration of the highest gain there.
+
+    ``rng`` gives the generator to draw from, where there is anything to draw.
+
+    Raises
+    ------
+    ValueError
+        Where an end lies off the map or in an obstacle, the two are one, there is no such
+        configuration, or no feasible path joins them; the message then gives the highest feasible
+        target.
+    """
+    goal = given.get("goal", maps.own_goal(scene))
+    _check_cell(maps, scene, "goal", goal)
+    start = given.get("start") or _chosen_start(maps, scene, goal, rng)
+    _check_cell(maps, scene, "start", start)
+    if start == goal:
+        raise ValueError(f"start={start} must differ from the goal")
+
+    first = given.get("configuration", int(maps.strongest[(scene, *start)]))
+    if not is_integer(first) or not 0 <= first < maps.configurations:
+        raise ValueError(
+            f"configuration={first!r} must be a number from 0 to {maps.configurations - 1}"
+        )
+
+    if not np.isfinite(to_go_of(maps, scene, goal)[(int(first), *start)]):
+        target_db = float(maps.target_db[scene])
+        gain_db = maps.gain_db[scene]
+        if "configuration" in given and gain_db[(int(first), *start)] < target_db:
+            raise ValueError(f"configuration={first} is below target_db={target_db} at {start}")
+
+        raise ValueError(joint_infeasible(gain_db, start, goal, target_db, given.get("configuration")))
+
+    return Ends(scene, int(first), start, goal)
+
+
+def _chosen_start(maps: CodebookMaps, scene: int, goal: Cell, rng: Callable[[], Any]) -> Cell:
+    """The scene's start; with the probability that the task says, one drawn among the cells that
+    lead to the goal from the configuration of the highest gain there.
+    """
+    if not maps.rules.random_start or not draws_start(maps.rules, rng()):
+        return maps.own_start(scene)
+
+    starts = _starts(maps, scene, goal)
+    if not len(starts):
+        raise ValueError(
+            f"goal={goal} cannot be reached from any other cell at "
+            f"target_db={float(maps.target_db[scene])}"
+        )
+
+    i, j = divmod(draw_start(starts, rng()), maps.shape[1])
+
+    return i, j
+
+
+@lru_cache(maxsize=64)
+def _starts(maps: CodebookMaps, scene: int, goal: Cell) -> Ints:
+    """Flat cells that a random start is drawn from."""
+    to_go = to_go_of(maps, scene, goal)
+    strongest = maps.strongest[scene][None]  # (1, X, Y)
+    return frozen(start_cells(np.take_along_axis(to_go, strongest, axis=0)[0], goal))
+
+
+def _check_cell(maps: CodebookMaps, scene: int, name: str, cell: Cell) -> None:
+    i, j = as_cell(cell, name)
+    if not maps.grid(scene).has((i, j)):
+        raise ValueError(f"{name}={cell} lies off the map of {maps.shape} cells")
+    if not maps.free[scene, i, j]:
+        raise ValueError(f"{name}={cell} lies in an obstacle")
+
+
+# --- states ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class CodebookRules:
+    """The rules for P pairs of a scene and a goal in use.
+
+    A state is one whole number: flat cell + C x (configuration + K x number of the pair). Actions
+    are the eight moves, then a switch into each configuration. The arguments of the methods are of
+    one shape, or are broadcast to one.
+
+    Examples
+    --------
+    A robot between two cells, under a configuration that reaches the first and one that reaches
+    both:
+
+    >>> from irs_gym.radio.scene import load_scene
+    >>> maps = CodebookMaps(
+    ...     rules=Task().rules,
+    ...     switch_cost=0.5,
+    ...     names=("corridor",),
+    ...     scenes=(load_scene("paper"),),
+    ...     target_db=np.array([-61.0]),
+    ...     gain_db=np.array([[[[-60.0], [-62.0]], [[-60.5], [-60.5]]]]),
+    ...     to_go=np.array([[[[1.0], [np.inf]], [[0.5], [0.0]]]]),
+    ...     irs=np.zeros((1, 2, 3), dtype=np.float32),
+    ...     start=np.array([[0, 0]]),
+    ...     goal=np.array([[1, 0]]),
+    ...     cell_size=0.5,
+    ...     source=(CodebookMaps, ()),
+    ... )
+    >>> rules = CodebookRules(maps, scenes=np.array([0]), goals=np.array([[1, 0]]))
+    >>> rules.action_mask(np.array([0])).tolist()  # no move east, but a switch to the second
+    [[0, 0, 0, 0, 0, 0, 0, 0, 0, 1]]
+    >>> float(rules.distance_to_go(np.array([0]))[0])
+    1.0
+    """
+
+    maps: CodebookMaps
+    scenes: Ints  # (P,)
+    goals: Ints  # (P, 2)
+
+    def __post_init__(self) -> None:
+        freeze(self.scenes, self.goals)
+
+    def __reduce__(self) -> Any:
+        return CodebookRules, (self.maps, self.scenes, self.goals)
+
+    @cached_property
+    def packing(self) -> CodebookPacking:
+        """Layout of observations."""
+        rules = self.maps.rules
+        return CodebookPacking(
+            observation=rules.observation,
+            side=2 * rules.patch_radius + 1,
+            settings=self.maps.irs.shape[-1],
+            shape=self.maps.shape,
+            configurations=self.maps.configurations,
+        )
+
+    @property
+    def actions(self) -> int:
+        """Moves and switches, 8 + K."""
+        return ACTIONS + self.maps.configurations
+
+    @property
+    def states(self) -> int:
+        """How many there are, P x K x C."""
+        return len(self.scenes) * self.maps.configurations * self.maps.size
+
+    # --- numbers of states ------------------------------------------------------------------------
+
+    def state(self, pair: Any, configuration: Any, cell: Any) -> Any:
+        """Number of a state; cells are flat."""
+        return cell + self.maps.size * (configuration + self.maps.configurations * pair)
+
+    def decode(self, states: Ints) -> tuple[Ints, Ints, Ints]:
+        """Pair, configuration and flat cell of states: undoes `state`."""
+        maps, cell = np.divmod(states, self.maps.size)
+        pair, configuration = np.divmod(maps, self.maps.configurations)
+        return pair, configuration, cell
+
+    def _places(self, states: Ints) -> Ints:
+        """Rows of a table of all configurations of all cells of all scenes."""
+        if self._is_own:
+            return states
+
+        pair, rest = np.divmod(states, self.maps.configurations * self.maps.size)
+        return np.asarray(rest + self.scenes[pair] * self.maps.configurations * self.maps.size)
+
+    @cached_property
+    def _is_own(self) -> bool:
+        """Whether pairs are numbered as scenes are."""
+        return np.array_equal(self.scenes, np.arange(len(self.maps)))
+
+    # --- what actions do --------------------------------------------------------------------------
+
+    def permitted(self, states: Ints, actions: Ints) -> tuple[Bools, Bools]:
+        """Which actions are not refused, and which miss the target; see
+        `irs_gym.mdp.dynamics.permissions`.
+
+        A switch is in place: it leads to the same cell under another configuration. One into the
+        present configuration leads nowhere, and is refused.
+        """
+        maps = self.maps
+        _, present, cell = self.decode(states)
+        place = self._places(states)
+        is_switch = actions >= ACTIONS
+        chosen = np.where(is_switch, actions - ACTIONS, present)
+        other = place + (chosen - present) * maps.size
+
+        feasible = maps.feasible.ravel()
+        is_open = (chosen != present) & maps.free.ravel()[self._cells(states, cell)]
+        keeps_target = is_open & feasible[other]
+        switch = judged(maps.rules.constraint, is_open, keeps_target, feasible[place])
+
+        move = np.where(is_switch, 0, actions)
+        is_legal, is_violation = (
+            np.where(is_switch, its, table[place, move])
+            for its, table in zip(switch, maps.permissions, strict=True)
+        )
+
+        return is_legal, is_violation
+
+    def transition(self, states: Ints, actions: Ints) -> Transition:
+        """What actions do in states; ``next_cell`` holds states. ``moved`` is what counts as metres:
+        a switch moves the robot by its cost.
+        """
+        maps = self.maps
+        rules = maps.rules
+        is_legal, is_violation = self.permitted(states, actions)
+        pair, present, cell = self.decode(states)
+        is_switch = actions >= ACTIONS
+        chosen = np.where(is_switch, actions - ACTIONS, present)
+        move = np.where(is_switch, 0, actions)
+
+        moves = next_cells(states, move, is_legal, maps.shape)
+        switches = np.where(is_legal, states + (chosen - present) * maps.size, states)
+        next_states = np.where(is_switch, switches, moves)
+        next_cell = np.where(is_switch, cell, cell + moves - states)
+
+        is_at_goal = is_legal & (next_cell == self._goal_cells[pair])
+        length = np.where(is_switch, maps.switch_cost, (MOVE_LENGTHS * maps.cell_size)[move])
+        phi = self._potential[pair, cell]
+        phi_next = self._potential[pair, next_cell]
+
+        return Transition(
+            next_cell=next_states,
+            reward=reward(rules, length, phi, phi_next, is_at_goal),
+            moved=np.where(is_legal, length, 0.0),
+            is_refused=~is_legal,
+            cost=is_violation.astype(np.float64),
+            is_terminated=ends(rules, is_at_goal, is_violation),
+            is_at_goal=is_at_goal,
+        )
+
+    def action_mask(self, states: Ints) -> NDArray[np.int8]:
+        """1 where an action is not refused, ``(..., 8 + K)``."""
+        return self.permitted(states[..., None], np.arange(self.actions))[0].astype(np.int8)
+
+    def table(self) -> Transition:
+        """The transition of every state and action, arrays ``(P * K * C, 8 + K)``; at the goal each
+        action stays for nothing and ends the episode.
+
+        Raises ``MemoryLimitError``, a ``ValueError``, where it would take too much memory.
+        """
+        check_memory(
+            f"codebook: the table of {self.states} states and {self.actions} actions",
+            float(self.states) * self.actions * _ENTRY_BYTES,
+        )
+        states = np.arange(self.states)
+        table = self.transition(states[:, None], np.arange(self.actions))
+        pair, _, cell = self.decode(states)
+        here = np.flatnonzero(cell == self._goal_cells[pair])
+        over = Transition(here[:, None], 0.0, 0.0, False, 0.0, True, True)
+
+        for column, value in zip(table, over, strict=True):
+            column[here] = value
+
+        return table
+
+    def optimal_actions(self, state: int) -> Ints:
+        """All actions that begin a path of least cost, in ascending order; none at the goal and
+        where it cannot be reached.
+        """
+        here = float(self.distance_to_go(np.array([state]))[0])
+        if not 0 < here < np.inf:
+            return np.empty(0, dtype=np.int64)
+
+        step = self.transition(np.full(self.actions, state), np.arange(self.actions))
+        ahead = self.distance_to_go(step.next_cell) + step.moved
+        is_best = ~step.is_refused & (ahead - here <= here * 1e-9)
+
+        return np.flatnonzero(is_best)
+
+    # --- what there is to say of states -----------------------------------------------------------
+
+    def distance_to_go(self, states: Ints) -> Floats:
+        """Metres to the goal, switches included; inf where it cannot be reached."""
+        to_go = self.maps.to_go.ravel()[self._places(states)]
+
+        # The maps know the way to each scene's own goal; to others, it is worked out.
+        for number in self._others:
+            i, j = self.goals[number].tolist()
+            its = to_go_of(self.maps, int(self.scenes[number]), (i, j)).ravel()
+            pair, configuration, cell = self.decode(states)
+            rows = configuration * self.maps.size + cell
+            to_go = np.where(pair == number, its[rows], to_go)
+
+        return np.asarray(to_go)
+
+    def gain_db(self, states: Ints) -> Floats:
+        """Expected channel gains under the present configurations, in dB."""
+        return np.asarray(self.maps.gain_db.ravel()[self._places(states)])
+
+    def margin_db(self, states: Ints) -> Floats:
+        """Gains over the target in dB."""
+        return self.gain_db(states) - self.maps.target_db[self.scenes[self.decode(states)[0]]]
+
+    def scene_of(self, states: Ints) -> Ints:
+        """Numbers of the scenes."""
+        return np.asarray(self.scenes[self.decode(states)[0]])
+
+    def configuration(self, states: Ints) -> Ints:
+        """Numbers of the present configurations."""
+        return self.decode(states)[1]
+
+    def write(self, states: Ints, out: Parts) -> Parts:
+        """Write what n robots see into the parts of n rows; see `CodebookPacking`."""
+        maps = self.maps
+        pair, configuration, cell = self.decode(states)
+        if self.packing.observation == "cell":
+            out[0][:, 0] = self.state(0, configuration, cell)
+            return out
+
+        side = self.packing.side
+        windows = np.lib.stride_tricks.sliding_window_view(maps.margin, (side, side), axis=(1, 2))  # type: ignore[call-overload]
+        place = self.scenes[pair] * maps.configurations + configuration  # map, (n,)
+        cells = cells_at(cell, maps.shape)  # (n, 2)
+
+        seen = self.packing.views(out)
+        seen["configuration"][:] = one_hot(configuration, maps.configurations)
+        seen["gain_patch"][:] = windows[place, cells[:, 0], cells[:, 1]].reshape(len(states), -1)
+        seen["gains"][:] = maps.gains[self._cells(states, cell)]
+        seen["irs"][:] = maps.irs.reshape(-1, maps.irs.shape[-1])[place]
+        seen["position"][:, :2] = own_positions(cells, maps.shape)
+        seen["position"][:, 2:] = vectors_to_goal(cells - self.goals[pair], maps.shape)
+        if self.packing.observation == "masked":
+            out[1][:] = self.action_mask(states)
+
+        return out
+
+    # --- small tables -----------------------------------------------------------------------------
+
+    def _cells(self, states: Ints, cell: Ints) -> Ints:
+        """Flat cells counted through all scenes."""
+        return np.asarray(cell + self.scene_of(states) * self.maps.size)
+
+    @cached_property
+    def _others(self) -> list[int]:
+        """Pairs whose goal is not their scene's own."""
+        is_other = (self.goals != self.maps.goal[self.scenes]).any(axis=1)
+        return [int(number) for number in np.flatnonzero(is_other)]
+
+    @cached_property
+    def _goal_cells(self) -> Ints:
+        """Flat cell of each pair's goal, ``(P,)``."""
+        return frozen(flat_cells(self.goals, self.maps.shape))
+
+    @cached_property
+    def _potential(self) -> Floats:
+        """Shaping potential, ``(P, C)``."""
+        cells = np.indices(self.maps.shape).transpose(1, 2, 0).reshape(-1, 2)
+        offsets = cells - self.goals[:, None]  # (P, C, 2)
+        return frozen(potential(self.maps.rules, offsets, self.maps.cell_size))

@@ -11,6 +11,10 @@ if TYPE_CHECKING:
     from irs_gym.datasets.generator import Difficulty as Difficulty
     from irs_gym.datasets.generator import generate_scene as generate_scene
     from irs_gym.grid import Grid as Grid
+    from irs_gym.oracle.joint import JointPath as JointPath
+    from irs_gym.oracle.joint import highest_joint_target as highest_joint_target
+    from irs_gym.oracle.joint import joint_distance_to_go as joint_distance_to_go
+    from irs_gym.oracle.joint import joint_shortest_path as joint_shortest_path
     from irs_gym.oracle.shortest_path import Path as Path
     from irs_gym.oracle.shortest_path import distance_to_go as distance_to_go
     from irs_gym.oracle.shortest_path import highest_feasible_target as highest_feasible_target
@@ -37,6 +41,10 @@ _HOMES = {
     "Difficulty": "datasets.generator",
     "generate_scene": "datasets.generator",
     "Grid": "grid",
+    "JointPath": "oracle.joint",
+    "highest_joint_target": "oracle.joint",
+    "joint_distance_to_go": "oracle.joint",
+    "joint_shortest_path": "oracle.joint",
     "Path": "oracle.shortest_path",
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",

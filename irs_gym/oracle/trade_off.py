@@ -13,7 +13,7 @@ from irs_gym.grid import MOVE_LENGTHS, Cell, as_cell, checked_cell_size, checked
 from irs_gym.memory import freeze
 from irs_gym.oracle.shortest_path import GRAPH_BYTES, Integers, edges, flat_cell
 
-_MOST_CELLS = 36_000_000  # see _whole_lengths
+_MOST_CELLS = 36_000_000  # see whole_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
         # bottleneck of the widest of them.
         above = _bottleneck(_shortest_paths(graph, to_go), gain, source, sink)
         targets_db.append(above)
-        distances.append(_true_length(to_go[source], gain.size) * cell_size)
+        distances.append(true_length(to_go[source], gain.size) * cell_size)
 
     return TradeOff(np.array(targets_db), np.array(distances), runs)
 
@@ -133,7 +133,7 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
 # --- exact lengths --------------------------------------------------------------------------------
 
 
-def _whole_lengths(cells: int) -> tuple[int, int]:
+def whole_lengths(cells: int) -> tuple[int, int]:
     """Whole numbers (q, p) that stand for the lengths 1 and sqrt(2) of the moves on a map of so
     many cells.
 
@@ -153,9 +153,9 @@ def _whole_lengths(cells: int) -> tuple[int, int]:
     return q, p
 
 
-def _true_length(whole: float, cells: int) -> float:
+def true_length(whole: float, cells: int) -> float:
     """Length in cells, a + b sqrt(2), of a whole length a q + b p."""
-    q, p = _whole_lengths(cells)
+    q, p = whole_lengths(cells)
     # modulo q, the whole length is b p, and p has an inverse; b is less than q
     diagonal = int(whole) * pow(p, -1, q) % q
     return (int(whole) - diagonal * p) // q + diagonal * sqrt(2.0)
@@ -166,7 +166,7 @@ def _distances_to_go(free: NDArray[np.bool_], sink: int) -> tuple[NDArray[np.flo
     moves.
     """
     rows, cells, moves = edges(free)
-    lengths = np.where(MOVE_LENGTHS == 1, *_whole_lengths(free.size)).astype(np.float64)
+    lengths = np.where(MOVE_LENGTHS == 1, *whole_lengths(free.size)).astype(np.float64)
     graph = csr_array((lengths[moves], cells, rows), shape=(free.size, free.size))
 
     return dijkstra(graph, indices=sink), graph

@@ -240,10 +240,10 @@ def dft_codebook(
 
     The columns and rows of a discrete Fourier transform, for ``size`` = A x B steps along the wall
     and up: B is the largest divisor of the size that is at most its square root and the panel's
-    rows. Steps are evenly spaced over all that plane waves can have on the panel, which is the
-    whole circle where sub-surfaces are a quarter of a wavelength apart or more, and 2 k times their
-    distance to both sides where they are closer. The first configuration of each axis' middle is
-    the mirror's: all phase shifts 0. With several panels, each holds its beam of the same number.
+    rows. Steps are evenly spaced over all that plane waves can have on the panel: the whole circle
+    where sub-surfaces are a quarter of a wavelength apart or more, and 2 k times their distance to
+    both sides where they are closer. A step of 0, the mirror's, is among them. With several panels,
+    each holds its beam of the same number.
 
     Parameters
     ----------
@@ -263,8 +263,10 @@ def dft_codebook(
     Examples
     --------
     >>> beams = dft_codebook("paper", 8)
-    >>> beams.phase_shifts.shape, beams.phase_shifts[5].any()  # of 4 x 2, the mirror is the sixth
-    ((8, 60), np.False_)
+    >>> beams.phase_shifts.shape
+    (8, 60)
+    >>> beams.phase_shifts[5].any().item()  # of 4 x 2, the sixth is the mirror
+    False
     """
     model = _model(scene, 1.0, irs_elements, phase_bits, quantiser)
     built = _built(model)
@@ -349,8 +351,10 @@ def codebook_gain_db(
     --------
     >>> from irs_gym import build_radio_map
     >>> gain_db = codebook_gain_db("paper", focused_codebook("paper", [(4, 20)]))
-    >>> gain_db.shape, bool(abs(gain_db[0] - build_radio_map("paper").gain_db)[4, 20] < 1e-9)
-    ((1, 40, 40), True)
+    >>> gain_db.shape
+    (1, 40, 40)
+    >>> bool(abs(gain_db[0, 4, 20] - build_radio_map("paper").gain_db[4, 20]) < 1e-9)
+    True
     """
     if not isinstance(codebook, Codebook):
         raise ValueError(f"codebook={codebook!r} must be a Codebook")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode
 from irs_gym.mdp.checks import checked_actions
+from irs_gym.mdp.dynamics import ACTIONS
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
@@ -31,8 +32,12 @@ class VectorEpisodes:
         mode: AutoresetMode,
         copy: bool,
         infos: Infos,
+        actions: int = ACTIONS,
     ) -> None:
-        """Episodes that a sampler begins; see `IrsNavVectorEnv` for the other arguments."""
+        """Episodes that a sampler begins; see `IrsNavVectorEnv` for the other arguments.
+
+        Actions beyond the eight moves are switches of the panel.
+        """
         n = num_envs
         self.num_envs = n
         self.max_episode_steps = max_episode_steps
@@ -42,6 +47,8 @@ class VectorEpisodes:
         self._infos = InfoBuilder(sampler.info_values, keys)
         # Whether a move was refused costs a comparison of all states: only where somebody asks.
         self._counts_refusals = not {"refused", "is_refused"}.isdisjoint(keys)
+        self._counts_switches = not {"switches", "metres"}.isdisjoint(keys)
+        self._actions = actions
 
         # the episode of each robot
         self._states = np.zeros(n, dtype=np.int64)
@@ -49,6 +56,8 @@ class VectorEpisodes:
         self._refused = np.zeros(n, dtype=np.int64)
         self._oracle_distance = np.zeros(n)  # metres
         self._has_violated = np.zeros(n, dtype=bool)
+        self._switches = np.zeros(n, dtype=np.int64)
+        self._metres = np.zeros(n)  # of the distance, the part that is no switch's
         self._nobody = frozen(np.zeros(n, dtype=bool))
         self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
@@ -92,7 +101,7 @@ class VectorEpisodes:
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Move every robot once."""
         self._check_running()
-        checked = checked_actions(actions, self.num_envs)
+        checked = checked_actions(actions, self.num_envs, self._actions)
         self._clock += 1
 
         # Next-step autoreset: robots whose episodes have ended begin anew in place of a move. (With
@@ -113,6 +122,13 @@ class VectorEpisodes:
         if self._counts_refusals:
             is_refused = self._refusals(before, outcome, resumed)
             self._refused += is_refused
+
+        if self._counts_switches:
+            is_switch = (checked >= ACTIONS) & (outcome.states != before)
+            if resumed is not None:
+                is_switch[resumed] = False
+            self._switches += is_switch
+            self._metres += np.where(is_switch, 0.0, outcome.moved)
 
         # An episode that has ever gone below the target is none that succeeds.
         if self._sampler.is_violable and outcome.cost is not None:
@@ -158,8 +174,12 @@ class VectorEpisodes:
         ]
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which actions are not refused, bool ``(n, 8)``."""
+        """Which actions are not refused, bool ``(n, 8)``, or ``(n, 8 + K)``."""
         return self._sampler.transition_model.action_mask(self._states).astype(bool)
+
+    def history(self, i: int) -> NDArray[np.int64]:
+        """What `TransitionModel.cells` gave for robot i since its episode began, ``(T,)``."""
+        return self._history.flat(i)
 
     def render(self, mode: str | None) -> tuple[Any, ...] | None:
         """A picture or text for each robot; None without a mode."""
@@ -208,6 +228,8 @@ class VectorEpisodes:
         self._refused[chosen] = 0
         self._oracle_distance[chosen] = transition_model.distance_to_go(begun)
         self._has_violated[chosen] = False
+        self._switches[chosen] = 0
+        self._metres[chosen] = 0.0
         self._history.begin(chosen, transition_model.cells(begun), self._clock)
 
         # Not in place: `_just_ended`, which is of the step before, may be the same array.
@@ -306,6 +328,8 @@ class VectorEpisodes:
             is_refused,
             cost,
             is_success,
+            self._switches,
+            self._metres,
         )
 
     def _picture(self, i: int, mode: str) -> Any:

@@ -26,6 +26,9 @@ class Step(NamedTuple):
     is_refused: Bools | None  # None where none is
     cost: Floats | None  # None where it is always 0
     is_success: Bools | None  # None where none is
+    # of the episode so far, where the panel is switched and somebody asks
+    switches: NDArray[np.int64] | None = None
+    metres: Floats | None = None
 
     def of(self, chosen: NDArray[np.int64]) -> "Step":
         """The same for some of the robots."""
@@ -103,7 +106,16 @@ KEYS = tuple(VALUES)
 SCENE_KEYS = ("scene_number", "scene_id")  # over many scenes
 # With these, a step of a vector takes a third longer; and names are no numbers, which is what
 # wrappers ask for.
-SLOW = ("refused", "is_refused", "distance_to_go", "gain_db", "margin_db", "scene_id")
+SLOW = (
+    "refused",
+    "is_refused",
+    "distance_to_go",
+    "gain_db",
+    "margin_db",
+    "scene_id",
+    "switches",
+    "metres",
+)
 
 Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
+from irs_gym.mdp.codebook_packing import CodebookPacking
 from irs_gym.mdp.packing import Packing, Parts
 from irs_gym.mdp.task import World
 
@@ -57,13 +58,13 @@ class TransitionModel(Protocol):
         """Gains over the target in dB."""
 
     def action_mask(self, states: States) -> NDArray[np.int8]:
-        """1 where an action is not refused, ``(n, 8)``."""
+        """1 where an action is not refused, ``(n, 8)``, or ``(n, 8 + K)``."""
 
 
 class EpisodeSampler(Protocol):
     """Who starts episodes, and what all of them share."""
 
-    packing: Packing
+    packing: Packing | CodebookPacking
     is_random: bool  # whether it draws
     is_violable: bool  # whether cells below the target can be entered
     map_shape: tuple[int, int]  # of the maps that `TransitionModel.cells` counts through

@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from irs_gym.datasets.generator import Difficulty as Difficulty
     from irs_gym.datasets.generator import generate_scene as generate_scene
     from irs_gym.grid import Grid as Grid
+    from irs_gym.mdp.configurations import FewestConfigurations as FewestConfigurations
+    from irs_gym.mdp.configurations import cover_codebook as cover_codebook
+    from irs_gym.mdp.configurations import fewest_configurations as fewest_configurations
     from irs_gym.oracle.joint import JointPath as JointPath
     from irs_gym.oracle.joint import highest_joint_target as highest_joint_target
     from irs_gym.oracle.joint import joint_distance_to_go as joint_distance_to_go
@@ -20,6 +23,8 @@ if TYPE_CHECKING:
     from irs_gym.oracle.shortest_path import highest_feasible_target as highest_feasible_target
     from irs_gym.oracle.shortest_path import shortest_path as shortest_path
     from irs_gym.oracle.straight_line import straight_line_bound as straight_line_bound
+    from irs_gym.oracle.switch_front import SwitchFront as SwitchFront
+    from irs_gym.oracle.switch_front import switch_front as switch_front
     from irs_gym.oracle.trade_off import TradeOff as TradeOff
     from irs_gym.oracle.trade_off import trade_off as trade_off
     from irs_gym.radio.codebook import Codebook as Codebook
@@ -41,6 +46,9 @@ _HOMES = {
     "Difficulty": "datasets.generator",
     "generate_scene": "datasets.generator",
     "Grid": "grid",
+    "FewestConfigurations": "mdp.configurations",
+    "cover_codebook": "mdp.configurations",
+    "fewest_configurations": "mdp.configurations",
     "JointPath": "oracle.joint",
     "highest_joint_target": "oracle.joint",
     "joint_distance_to_go": "oracle.joint",
@@ -60,6 +68,8 @@ _HOMES = {
     "load_scene": "radio.scene",
     "from_sionna": "radio.sionna",
     "straight_line_bound": "oracle.straight_line",
+    "SwitchFront": "oracle.switch_front",
+    "switch_front": "oracle.switch_front",
     "TradeOff": "oracle.trade_off",
     "trade_off": "oracle.trade_off",
 }

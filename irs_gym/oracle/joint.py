@@ -125,7 +125,7 @@ def joint_shortest_path(
     first = int(np.argmax(gains_here)) if first is None else _checked_first(first, len(gain_db))
 
     pairs = feasible_pairs(gain_db, target_db)
-    graph = _graph(pairs, *_weights(pairs.shape, switch_cost / cell_size))
+    graph = pairs_graph(pairs, *_weights(pairs.shape, switch_cost / cell_size))
     begin = graph.pair_of[first, source]
     ends = graph.pair_of[:, sink]
     ends = ends[ends >= 0]
@@ -174,7 +174,7 @@ def joint_distance_to_go(
 
     pairs = feasible_pairs(gain_db, target_db)
     straight, diagonal, half_switch = _weights(pairs.shape, switch_cost / cell_size)
-    graph = _graph(pairs, straight, diagonal, half_switch)
+    graph = pairs_graph(pairs, straight, diagonal, half_switch)
     to_go = np.full(pairs.shape, np.inf)
     ends = graph.pair_of[:, sink]
     ends = ends[ends >= 0]
@@ -291,8 +291,8 @@ def feasible_pairs(gain_db: NDArray[np.float64], target_db: float) -> NDArray[np
     return pairs
 
 
-def _graph(
-    pairs: NDArray[np.bool_], straight: float, diagonal: float, half_switch: float | None
+def pairs_graph(
+    pairs: NDArray[np.bool_], straight: float, diagonal: float, half_switch: float | None = None
 ) -> Graph:
     """Graph of all moves, of those weights, and of all switches: over the hub of the cell, so that
     they take 2 K links and not K squared. No switches where their weight is None.
@@ -327,7 +327,8 @@ def _graph(
     at_hubs = flat[:, hubs].T  # (hubs, K)
     back = pair_of[:, hubs].T[at_hubs]
 
-    rows = np.zeros(len(states) + len(hubs) + 1, dtype=np.int64)
+    index_type = np.int32 if len(first) + len(back) < 2**31 else np.int64
+    rows = np.zeros(len(states) + len(hubs) + 1, dtype=index_type)
     np.cumsum(
         np.append(np.count_nonzero(links, axis=1), np.count_nonzero(at_hubs, axis=1)), out=rows[1:]
     )

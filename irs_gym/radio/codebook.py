@@ -289,7 +289,7 @@ def dft_codebook(
     """
     model = _model(scene, 1.0, irs_elements, phase_bits, quantiser)
     built = _built(model)
-    size = _checked_size(size)
+    size = checked_size(size)
     subsurfaces = sum(panel.subsurfaces for panel in built.irs_panels)
     check_memory(
         f"size={size}: configurations of {subsurfaces} sub-surfaces", 24.0 * size * subsurfaces
@@ -460,7 +460,8 @@ def _listed(cells: Any) -> list[Cell]:
         raise ValueError(f"cells={cells!r} must be a list of cells (i, j)") from None
 
 
-def _checked_size(size: Any) -> int:
+def checked_size(size: Any) -> int:
+    """A number of configurations; a ``ValueError`` where it is none from 1 on."""
     if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 1:
         raise ValueError(f"size={size!r} must be a positive number of configurations")
     return int(size)

@@ -17,6 +17,7 @@ from irs_gym.datasets.splits import split_of
 from irs_gym.grid import Cell, cells_at
 from irs_gym.mdp.codebook_packing import CodebookObservation, CodebookPacking
 from irs_gym.mdp.codebook_rules import CodebookMaps, check_maps_memory, choose_ends
+from irs_gym.mdp.configurations import cover_codebook
 from irs_gym.mdp.dynamics import check_bonus
 from irs_gym.mdp.task import (
     Constraint,
@@ -166,7 +167,9 @@ class CodebookTask:
         if self.split is not None and self.scenes is not None:
             raise ValueError("split cannot be given along with scenes, which takes its place")
 
-        given = [name for name in _OF_ONE_SCENE if getattr(self, name) != getattr(CodebookTask, name)]
+        given = [
+            name for name in _OF_ONE_SCENE if getattr(self, name) != getattr(CodebookTask, name)
+        ]
         if given:
             which = "split" if self.split is not None else "scenes"
             raise ValueError(
@@ -345,10 +348,13 @@ def design(
     """A codebook of that design and size for a scene."""
     kind, size = asked
     scene = radio.built_scene
+    hardware = (radio.phase_bits, radio.quantiser, radio.array_model)
     if kind == "dft":
         return dft_codebook(scene, size, None, radio.phase_bits, radio.quantiser)
+    if kind == "cover":
+        cell_size = radio.cell_size
+        return cover_codebook(scene, size, target_db, cell_size, None, *hardware, start, goal)
 
-    hardware = (radio.phase_bits, radio.quantiser, radio.array_model)
     free = ~is_in_footprint(radio.grid.centres().reshape(-1, 2), scene.boxes)
     cells = spread_cells(free.reshape(radio.grid.shape), start, size)
 
@@ -383,9 +389,7 @@ def _to_go(gain_db: NDArray[np.float64], target_db: float, goal: Cell, task: Cod
     return joint_distance_to_go(gain_db, target_db, goal, task.cell_size, task.switch_cost)
 
 
-def _told(
-    scene: Scene, phase_bits: int | None, shifts: NDArray[np.float64]
-) -> NDArray[np.float32]:
+def _told(scene: Scene, phase_bits: int | None, shifts: NDArray[np.float64]) -> NDArray[np.float32]:
     """What an agent is told of the IRS under each configuration, ``(K, 3 + N)``, where pi is 0."""
     settings = irs_settings(scene, phase_bits).astype(np.float32)
     spread = np.broadcast_to(settings, (len(shifts), 3))
@@ -427,8 +431,8 @@ def _read_codebook(given: Any) -> Codebook | str | Path | tuple[CodebookKind, in
         or not 1 <= size <= MOST_CONFIGURATIONS
     ):
         raise ValueError(
-            f"codebook={given!r} must be a Codebook, its data as a dict, the path of a file, or one "
-            f"of {get_args(CodebookKind)} with a size from 1 to {MOST_CONFIGURATIONS}"
+            f"codebook={given!r} must be a Codebook, its data as a dict, the path of a file, or "
+            f"one of {get_args(CodebookKind)} with a size from 1 to {MOST_CONFIGURATIONS}"
         )
 
     return kind, int(size)

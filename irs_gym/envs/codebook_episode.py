@@ -117,7 +117,7 @@ class CodebookEpisode:
         return Snapshot(
             rules=self.maps.fingerprint,
             scene=self.ends.scene,
-            start=self._states[0] if len(self._states) > 1 else self._first,
+            start=int(self.rules.state(0, self.ends.configuration, self._flat(self.ends.start))),
             goal=self._flat(self.ends.goal),
             cell=self._state,
             distance=self._distance,
@@ -127,10 +127,6 @@ class CodebookEpisode:
             switches=self._switches,
             metres=self._metres,
         )
-
-    @property
-    def _first(self) -> int:
-        return int(self.rules.state(0, self.ends.configuration, self._flat(self.ends.start)))
 
     def opening(self) -> tuple[Any, dict[str, Any]]:
         """What a reset returns: the first observation and its info."""
@@ -258,7 +254,9 @@ class _Lookup:
 
         def outcomes(state: int) -> tuple[list[Any], NDArray[np.int8]]:
             step = rules.transition(np.array(state), actions)
-            rows = zip(*(np.broadcast_to(each, actions.shape).tolist() for each in step), strict=True)
+            rows = zip(
+                *(np.broadcast_to(each, actions.shape).tolist() for each in step), strict=True
+            )
             return list(rows), (~step.is_refused).astype(np.int8)
 
         def facts(state: int) -> tuple[float, float, float]:

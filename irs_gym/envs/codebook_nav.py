@@ -18,6 +18,7 @@ from irs_gym.datasets.codebook_task import (
     build_codebook_maps,
     codebook_task_of,
 )
+from irs_gym.datasets.random_task import chosen_scene
 from irs_gym.envs.codebook_episode import CodebookEpisode, resume
 from irs_gym.grid import Cell
 from irs_gym.mdp.checks import (
@@ -28,7 +29,7 @@ from irs_gym.mdp.checks import (
     checked_seed,
 )
 from irs_gym.mdp.codebook_packing import CodebookPacking
-from irs_gym.mdp.codebook_rules import CodebookMaps, Ends, choose_ends, scene_number
+from irs_gym.mdp.codebook_rules import CodebookMaps, Ends, choose_ends
 from irs_gym.mdp.dynamics import Transition
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World, shows_fields
@@ -274,7 +275,7 @@ class IrsNavCodebookEnv(gymnasium.Env[Any, int]):
         given = checked_options(options, *self._options)
         scene = 0
         if self._task.has_many_scenes:
-            scene = scene_number(self.maps, given.pop("scene_id", None), self.np_random)
+            scene = chosen_scene(self.maps.names, given.pop("scene_id", None), self.np_random)
 
         ends = choose_ends(self.maps, scene, given, lambda: self.np_random)
         self._episode = CodebookEpisode(self.maps, ends, self._keys)

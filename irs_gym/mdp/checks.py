@@ -28,8 +28,9 @@ class PlainSpec:
     """The attribute ``spec``: how `gymnasium.make` makes an environment again, kept with arguments
     that JSON can hold.
 
-    A `Scene`, a `Codebook` and a `RadioMap` become dicts and a path a string, which the environments take in
-    their place. A `SceneSet` stays what it is: it is the one argument that JSON cannot hold.
+    A `Scene`, a `Codebook` and a `RadioMap` become dicts and a path a string, which the
+    environments take in their place. A `SceneSet` stays what it is: it is the one argument that
+    JSON cannot hold.
     """
 
     def __get__(self, env: Any, kind: Any = None) -> EnvSpec | None:

@@ -2,7 +2,7 @@
 task fixes, and `CodebookRules` over its states, each a configuration and a cell.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from hashlib import blake2b
@@ -73,7 +73,7 @@ class CodebookMaps:
     @property
     def configurations(self) -> int:
         """K."""
-        return self.gain_db.shape[1]
+        return int(self.gain_db.shape[1])
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -139,13 +139,15 @@ class CodebookMaps:
 
     def own_goal(self, scene: int) -> Cell:
         """Goal of a scene."""
-        i, j = self.goal[scene].tolist()
-        return i, j
+        return self._ends[1][scene]
 
     def own_start(self, scene: int) -> Cell:
         """Start of a scene."""
-        i, j = self.start[scene].tolist()
-        return i, j
+        return self._ends[0][scene]
+
+    @cached_property
+    def _ends(self) -> tuple[list[Cell], list[Cell]]:
+        return [(i, j) for i, j in self.start.tolist()], [(i, j) for i, j in self.goal.tolist()]
 
     @cached_property
     def fingerprint(self) -> bytes:
@@ -238,14 +240,27 @@ def choose_ends(
         configuration, or no feasible path joins them; the message then gives the highest feasible
         target.
     """
-    goal = given.get("goal", maps.own_goal(scene))
-    _check_cell(maps, scene, "goal", goal)
-    start = given.get("start") or _chosen_start(maps, scene, goal, rng)
+    goal = given.get("goal") or maps.own_goal(scene)
+    start = given.get("start")
+    if start is None:
+        if "goal" in given:
+            _check_cell(maps, scene, "goal", goal)
+        start = _chosen_start(maps, scene, goal, rng)
+
+    return _checked_ends(maps, scene, start, goal, given.get("configuration"))
+
+
+@lru_cache(maxsize=4096)
+def _checked_ends(
+    maps: CodebookMaps, scene: int, start: Cell, goal: Cell, configuration: Any
+) -> Ends:
+    """The ends, if they can be joined; kept, so that the same ones cost nothing again."""
     _check_cell(maps, scene, "start", start)
+    _check_cell(maps, scene, "goal", goal)
     if start == goal:
         raise ValueError(f"start={start} must differ from the goal")
 
-    first = given.get("configuration", int(maps.strongest[(scene, *start)]))
+    first = int(maps.strongest[(scene, *start)]) if configuration is None else configuration
     if not is_integer(first) or not 0 <= first < maps.configurations:
         raise ValueError(
             f"configuration={first!r} must be a number from 0 to {maps.configurations - 1}"
@@ -253,11 +268,7 @@ def choose_ends(
 
     if not np.isfinite(to_go_of(maps, scene, goal)[(int(first), *start)]):
         target_db = float(maps.target_db[scene])
-        gain_db = maps.gain_db[scene]
-        if "configuration" in given and gain_db[(int(first), *start)] < target_db:
-            raise ValueError(f"configuration={first} is below target_db={target_db} at {start}")
-
-        raise ValueError(joint_infeasible(gain_db, start, goal, target_db, given.get("configuration")))
+        raise ValueError(joint_infeasible(maps.gain_db[scene], start, goal, target_db, int(first)))
 
     return Ends(scene, int(first), start, goal)
 
@@ -342,8 +353,25 @@ class CodebookRules:
     def __post_init__(self) -> None:
         freeze(self.scenes, self.goals)
 
+    @classmethod
+    def of(cls, maps: CodebookMaps, pairs: Sequence[tuple[int, Cell]]) -> "CodebookRules":
+        """Rules for pairs of a scene and a goal."""
+        scenes, goals = zip(*pairs, strict=True)
+        return cls(maps, np.array(scenes), np.array(goals))
+
     def __reduce__(self) -> Any:
-        return CodebookRules, (self.maps, self.scenes, self.goals)
+        return _rules_again, (self.maps, self.pairs)
+
+    @cached_property
+    def pairs(self) -> tuple[tuple[int, Cell], ...]:
+        """Scene and goal of each."""
+        goals = [(i, j) for i, j in self.goals.tolist()]
+        return tuple(zip(self.scenes.tolist(), goals, strict=True))
+
+    @cached_property
+    def numbers(self) -> dict[tuple[int, Cell], int]:
+        """Number of each pair."""
+        return {each: number for number, each in enumerate(self.pairs)}
 
     @cached_property
     def packing(self) -> CodebookPacking:
@@ -422,8 +450,8 @@ class CodebookRules:
         return is_legal, is_violation
 
     def transition(self, states: Ints, actions: Ints) -> Transition:
-        """What actions do in states; ``next_cell`` holds states. ``moved`` is what counts as metres:
-        a switch moves the robot by its cost.
+        """What actions do in states; ``next_cell`` holds states. ``moved`` is what counts as
+        metres: a switch moves the robot by its cost.
         """
         maps = self.maps
         rules = maps.rules
@@ -533,7 +561,7 @@ class CodebookRules:
             return out
 
         side = self.packing.side
-        windows = np.lib.stride_tricks.sliding_window_view(maps.margin, (side, side), axis=(1, 2))  # type: ignore[call-overload]
+        windows = np.lib.stride_tricks.sliding_window_view(maps.margin, (side, side), axis=(1, 2))
         place = self.scenes[pair] * maps.configurations + configuration  # map, (n,)
         cells = cells_at(cell, maps.shape)  # (n, 2)
 
@@ -572,3 +600,14 @@ class CodebookRules:
         cells = np.indices(self.maps.shape).transpose(1, 2, 0).reshape(-1, 2)
         offsets = cells - self.goals[:, None]  # (P, C, 2)
         return frozen(potential(self.maps.rules, offsets, self.maps.cell_size))
+
+
+@lru_cache(maxsize=8)
+def own_rules(maps: CodebookMaps) -> CodebookRules:
+    """Rules for all scenes with their own goals; kept, so that environments share them."""
+    return CodebookRules(maps, np.arange(len(maps)), maps.goal)
+
+
+def _rules_again(maps: CodebookMaps, pairs: tuple[tuple[int, Cell], ...]) -> CodebookRules:
+    own = own_rules(maps)
+    return own if pairs == own.pairs else CodebookRules.of(maps, pairs)

@@ -56,9 +56,7 @@ class PathHistory:
         """
         return cells_of(self.flat(robot, of_last_episode=of_last_episode), self._shape)
 
-    def flat(
-        self, robot: int, *, of_last_episode: bool | np.bool_ = False
-    ) -> NDArray[np.int64]:
+    def flat(self, robot: int, *, of_last_episode: bool | np.bool_ = False) -> NDArray[np.int64]:
         """The flat cells behind `path`, one a step and the first, ``(T,)``."""
         # the cell in which it began, and then one cell a step: rows of the ring
         which = int(of_last_episode)

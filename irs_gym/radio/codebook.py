@@ -162,7 +162,6 @@ class Codebook:
         except ValueError as error:
             raise ValueError(f"{str(place)!r} is not a codebook: {error}") from None
 
-
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> "Codebook":
         """Codebook of what `to_data` gives; a ``ValueError`` says what is wrong with it."""

@@ -1,6 +1,6 @@
 """`view_of`: the `View` of an episode; `RENDERERS`: what each render mode makes of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -10,7 +10,7 @@ from irs_gym.mdp.task import World
 from irs_gym.oracle.shortest_path import descend
 from irs_gym.rendering import View, draw_frame, text_frame
 
-RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {
+RENDERERS: dict[str, Callable[..., Any]] = {
     "rgb_array": draw_frame,
     "ansi": text_frame,
 }

@@ -35,6 +35,11 @@ class View:
         Longest side of the picture in px, 320 or more.
     free
         Bool, shape ``(X, Y)``: cells that a robot can enter; by default those of a finite gain.
+    oracle_switches
+        Shape ``(n, 2)``: cells where the panel switches on the oracle's path; None where no panel
+        is switched.
+    label
+        More about the map, in words.
 
     Raises
     ------
@@ -52,6 +57,8 @@ class View:
     oracle_cells: NDArray[np.integer[Any]]
     size: int = 512
     free: NDArray[np.bool_] | None = None
+    oracle_switches: NDArray[np.integer[Any]] | None = None
+    label: str = ""
 
     def __post_init__(self) -> None:
         if self.gain_db.shape != self.grid.shape:

@@ -3,6 +3,7 @@ over many robots where they are small enough to keep.
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ class CodebookModel:
         object.__setattr__(self, "observations", _observed(self.rules))
 
     def __reduce__(self) -> Any:
-        return CodebookModel, (self.rules,)
+        return model_of, (self.rules,)
 
     @property
     def packing(self) -> CodebookPacking:
@@ -123,6 +124,12 @@ class CodebookModel:
     def configuration(self, states: States) -> NDArray[np.int64]:
         """Numbers of the present configurations."""
         return self.rules.configuration(states)
+
+
+@lru_cache(maxsize=4)
+def model_of(rules: CodebookRules) -> CodebookModel:
+    """Model of rules; kept, so that vector environments of the same task share one."""
+    return CodebookModel(rules)
 
 
 def _tabulated(rules: CodebookRules) -> Tables | None:

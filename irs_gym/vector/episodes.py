@@ -178,8 +178,10 @@ class VectorEpisodes:
         return self._sampler.transition_model.action_mask(self._states).astype(bool)
 
     def history(self, i: int) -> NDArray[np.int64]:
-        """What `TransitionModel.cells` gave for robot i since its episode began, ``(T,)``."""
-        return self._history.flat(i)
+        """What `TransitionModel.cells` gave for robot i since its episode began, ``(T,)``; nothing
+        before the first reset.
+        """
+        return self._history.flat(i) if self._is_reset else np.zeros(0, dtype=np.int64)
 
     def render(self, mode: str | None) -> tuple[Any, ...] | None:
         """A picture or text for each robot; None without a mode."""

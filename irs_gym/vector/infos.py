@@ -113,6 +113,7 @@ SLOW = (
     "gain_db",
     "margin_db",
     "scene_id",
+    "configuration",
     "switches",
     "metres",
 )

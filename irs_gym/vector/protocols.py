@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.codebook_packing import CodebookPacking
-from irs_gym.mdp.packing import Packing, Parts
+from irs_gym.mdp.packing import Parts
 from irs_gym.mdp.task import World
 
 # (n,): where robots are and where they want to go, each as one number. What the number means is the
@@ -61,13 +60,26 @@ class TransitionModel(Protocol):
         """1 where an action is not refused, ``(n, 8)``, or ``(n, 8 + K)``."""
 
 
+class Layout(Protocol):
+    """How observations lie in rows; see `irs_gym.mdp.packing.Packing`."""
+
+    def empty(self, count: int) -> Parts:
+        """Memory for the parts of that many rows."""
+
+    def unpack(self, parts: Parts) -> Any:
+        """Observations of the parts of rows."""
+
+
 class EpisodeSampler(Protocol):
     """Who starts episodes, and what all of them share."""
 
-    packing: Packing | CodebookPacking
     is_random: bool  # whether it draws
     is_violable: bool  # whether cells below the target can be entered
     map_shape: tuple[int, int]  # of the maps that `TransitionModel.cells` counts through
+
+    @property
+    def packing(self) -> Layout:
+        """Layout of the observations."""
 
     @property
     def transition_model(self) -> TransitionModel:

@@ -269,9 +269,13 @@ class _Lookup:
 
         self._outcomes = lru_cache(maxsize=kept)(outcomes)
         self._parts = lru_cache(maxsize=kept)(parts)
+        self._rules = rules
         self._packing = rules.packing
         self.facts: Callable[[int], tuple[float, float, float]] = lru_cache(maxsize=kept)(facts)
         """Metres to go, gain and margin in dB."""
+
+    def __reduce__(self) -> Any:
+        return _Lookup.of, (self._rules,)
 
     @staticmethod
     @lru_cache(maxsize=8)

@@ -36,27 +36,19 @@ def make(**kwargs):
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize("constraint", ["refuse", "terminate", "allow"])
-@pytest.mark.parametrize("observation", ["dict", "masked"])
-def test_vector_env_equals_n_single_envs(constraint, observation, mode):
-    ours, single = both(
-        ID,
-        5,
-        mode,
-        constraint=constraint,
-        observation=observation,
-        random_start=0.5,
-        goal_bonus=30.0,
-        **OFTEN,
-    )
-    assert assert_equal_for(10_000 // 5, ours, single) > 200
+def test_vector_env_equals_n_single_envs(constraint, mode):
+    steps = 10_000 if (constraint, mode) == ("refuse", AutoresetMode.NEXT_STEP) else 1_500
+    kwargs = {"constraint": constraint, "random_start": 0.5, "goal_bonus": 30.0, **OFTEN}
+    ours, single = both(ID, 5, mode, **kwargs)
+    assert assert_equal_for(steps // 5, ours, single) > steps // 50
 
 
-@pytest.mark.parametrize("observation", ["flat", "cell"])
+@pytest.mark.parametrize("observation", ["flat", "masked", "cell"])
 def test_observations_of_every_kind_are_equal_in_both(observation):
     ours, single = both(
         ID, 3, AutoresetMode.SAME_STEP, observation=observation, random_start=True, **OFTEN
     )
-    assert assert_equal_for(300, ours, single) > 20
+    assert assert_equal_for(200, ours, single) > 12
 
 
 def test_without_tables_the_same_happens(monkeypatch):
@@ -92,7 +84,7 @@ def test_steps_are_those_of_the_rules_written_down_once_more(constraint):
         apart = sorted(np.abs(np.subtract(GOAL, (i, j))))
         return 0.5 * (apart[1] + (2**0.5 - 1) * apart[0])
 
-    for _ in range(4000):
+    for _ in range(1500):
         mask = env.action_masks()
         # mostly what is not refused, so that the robot gets about
         action = int(rng.choice(np.flatnonzero(mask)) if rng.random() < 0.8 else rng.integers(14))
@@ -185,7 +177,9 @@ def test_observations_tell_the_configuration_and_all_gains_here():
     np.testing.assert_array_equal(observation["gains"], expected)
     assert observation["gain_patch"][5, 5] == expected[info["configuration"]]
     held = FEW.phase_shifts[info["configuration"]]
-    np.testing.assert_allclose(np.mod(held, 2 * np.pi) / np.pi - 1, observation["irs"][3:], atol=1e-6)
+    np.testing.assert_allclose(
+        np.mod(held, 2 * np.pi) / np.pi - 1, observation["irs"][3:], atol=1e-6
+    )
     flat = make(observation="flat", target_db=-62.0).reset()[0]
     np.testing.assert_array_equal(
         flat, gymnasium.spaces.flatten(env.observation_space, observation)
@@ -199,15 +193,16 @@ def test_observations_tell_the_configuration_and_all_gains_here():
 @pytest.mark.parametrize("constraint", ["refuse", "allow"])
 def test_gymnasiums_checker_is_silent(observation, constraint, recwarn):
     check_env(make(observation=observation, constraint=constraint, random_start=0.5).unwrapped)
-    assert not [each for each in recwarn if "irs_gym" in str(each.message)]
-    assert not recwarn.list
+    assert not [str(each.message) for each in recwarn]
 
 
 @pytest.mark.parametrize("observation", ["dict", "flat"])
 def test_stable_baselines3s_checker_is_silent(observation, recwarn):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     checker.check_env(make(observation=observation).unwrapped)
-    assert not recwarn.list
+    # the patch is no picture, and the one remark that is expected
+    others = [each for each in recwarn if "unconventional shape" not in str(each.message)]
+    assert not [str(each.message) for each in others]
 
 
 def test_a_state_goes_on_as_it_did_before():
@@ -266,7 +261,13 @@ def test_robots_with_goals_of_their_own_equal_single_ones():
 
 def test_specs_survive_json_and_pickles_the_task(tmp_path):
     FEW.save(tmp_path / "few.npz")
-    for codebook in (FEW, tmp_path / "few.npz", str(tmp_path / "few.npz"), FEW.to_data(), ["dft", 4]):
+    for codebook in (
+        FEW,
+        tmp_path / "few.npz",
+        str(tmp_path / "few.npz"),
+        FEW.to_data(),
+        ["dft", 4],
+    ):
         env = gymnasium.make(ID, codebook=codebook, target_db=-63.2, max_episode_steps=9)
         again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json()))
         copy = pickle.loads(pickle.dumps(env))

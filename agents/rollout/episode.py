@@ -1,5 +1,6 @@
 """`roll_out`: one episode of a policy, as what it achieved; and the environment to play it in."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -8,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy, takes_masks
+from irs_gym.datasets.codebook_task import CodebookTask, codebook_task_of
 from irs_gym.mdp.metrics import distance_ratio, soft_spl
-from irs_gym.mdp.task import Task
+from irs_gym.mdp.task import Task, task_of
 
 # Lengths are sums of floats: a path this much longer, in proportion, is as long as the oracle's.
 TOLERANCE = 1e-9
@@ -24,7 +26,8 @@ class EpisodeResult:
     is_success
         Whether the robot reached the goal, over cells at or above the target only.
     distance, oracle_distance
-        Metres travelled, and of the shortest feasible path from the same start.
+        Metres travelled, and of the shortest feasible path from the same start; where the panel is
+        switched, both with the costs of switches.
     spl
         Success weighted by path length: 0 for a failure, else oracle distance over distance.
     progress
@@ -74,7 +77,31 @@ def arguments_of(task: Any) -> dict[str, Any]:
     return {each.name: getattr(task, each.name) for each in fields(task)}
 
 
-def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
+SceneTask = Task | CodebookTask
+"""What an agent learns in one scene."""
+
+
+def scene_task_of(arguments: Mapping[str, Any]) -> SceneTask:
+    """Task of keyword arguments of `gymnasium.make`: with a ``codebook``, of `IrsNavCodebook-v0`.
+
+    Raises ``TypeError`` for an unknown name, and ``ValueError`` for a value out of its range.
+    """
+    if "codebook" not in arguments:
+        return task_of(arguments)
+
+    task = codebook_task_of(arguments)
+    if task.has_many_scenes:
+        raise ValueError("split and scenes cannot be given here: this agent learns in one scene")
+
+    return task
+
+
+def env_id_of(task: SceneTask) -> str:
+    """The environment of a task."""
+    return "irs_gym:IrsNavCodebook-v0" if isinstance(task, CodebookTask) else "irs_gym:IrsNav-v0"
+
+
+def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
     """The environment that policies are tested in: the task's, from its fixed start.
 
     Raises
@@ -84,7 +111,7 @@ def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
     ValueError
         Where it cannot be made; an infeasible target included.
     """
-    return gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(replace(task, random_start=False)))
+    return gymnasium.make(env_id_of(task), **arguments_of(replace(task, random_start=False)))
 
 
 def roll_out(
@@ -95,8 +122,8 @@ def roll_out(
     seed: int | None = None,
     options: dict[str, Any] | None = None,
 ) -> EpisodeResult:
-    """Play one episode of an `IrsNav-v0` or `IrsNavRandom-v0` made by `gymnasium.make`, which
-    bounds its length.
+    """Play one episode of an `IrsNav-v0`, `IrsNavRandom-v0` or `IrsNavCodebook-v0` made by
+    `gymnasium.make`, which bounds its length.
     """
     is_masked = takes_masks(policy)
     observation, start = env.reset(seed=seed, options=options)
@@ -128,7 +155,8 @@ def roll_out(
         progress=0.0
         if has_missed
         else max(0.0, 1.0 - robot.distance_to_go / start["oracle_distance"]),
-        refused=steps - (len(path) - 1),
+        # steps that led nowhere: neither a move nor a switch of the panel
+        refused=steps - (len(path) - 1) - info.get("switches", 0),
         steps=steps,
         total_reward=total_reward,
         path=path,

@@ -1,5 +1,6 @@
 """`CodebookPacking`: the layout of observations where the robot switches between configurations."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -193,14 +194,39 @@ class CodebookPacking:
             phases=seen["irs"][..., SETTINGS:],
         )
 
-    def own_states(self, observation: Any) -> Ints:
-        """Numbers of the robots' states, ``(...,)``: observations of every kind tell them."""
-        if self.observation == "cell":
-            return np.asarray(observation)
 
-        decoded = self.decode(observation)
+def own_states(observation: Any, shape: tuple[int, int], configurations: int) -> Ints:
+    """Numbers of the robots' states, ``(...,)``: one observation of any kind tells it, and a batch
+    tells those of all.
 
-        return np.asarray(decoded.configuration * prod(self.shape) + decoded.cell)
+    Examples
+    --------
+    >>> packing = CodebookPacking("flat", side=3, settings=3, shape=(4, 5), configurations=2)
+    >>> row = np.zeros(packing.width)
+    >>> row[packing.fields["configuration"]] = [0, 1]
+    >>> row[packing.fields["position"]] = [-0.25, 0.0, 0.5, 0.0]  # in the cell (1, 2)
+    >>> int(own_states(row, (4, 5), 2))
+    27
+    """
+    if isinstance(observation, Mapping) and "observation" in observation:  # masked
+        return own_states(observation["observation"], shape, configurations)
+
+    if isinstance(observation, Mapping):
+        configuration = np.asarray(observation["configuration"])
+        position = np.asarray(observation["position"])
+    else:
+        row = np.asarray(observation)
+        if np.issubdtype(row.dtype, np.integer):
+            return row
+
+        # the first and the last of a flat row
+        configuration = row[..., :configurations]
+        position = row[..., -4:]
+
+    robots, _ = cells_of_positions(position, shape)
+    cells = flat_cells(robots, shape)
+
+    return np.asarray(configuration.argmax(axis=-1) * prod(shape) + cells)
 
 
 def one_hot(configurations: Ints, count: int) -> NDArray[np.float32]:

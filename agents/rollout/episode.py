@@ -1,7 +1,7 @@
 """`roll_out`: one episode of a policy, as what it achieved; and the environment to play it in."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import gymnasium
@@ -40,6 +40,8 @@ class EpisodeResult:
         Undiscounted.
     path
         int64, shape ``(T, 2)``: cells visited.
+    switch_cells
+        int64, shape ``(n, 2)``: where the panel was switched; none where it follows the robot.
     """
 
     is_success: bool
@@ -51,6 +53,7 @@ class EpisodeResult:
     steps: int
     total_reward: float
     path: NDArray[np.int64]
+    switch_cells: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
 
     @property
     def ratio(self) -> float | None:
@@ -160,4 +163,5 @@ def roll_out(
         steps=steps,
         total_reward=total_reward,
         path=path,
+        switch_cells=np.reshape(getattr(robot, "switch_cells", []), (-1, 2)).astype(np.int64),
     )

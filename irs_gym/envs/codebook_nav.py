@@ -29,7 +29,7 @@ from irs_gym.mdp.checks import (
     checked_seed,
 )
 from irs_gym.mdp.codebook_packing import CodebookPacking
-from irs_gym.mdp.codebook_rules import CodebookMaps, Ends, choose_ends
+from irs_gym.mdp.codebook_rules import CodebookMaps, Ends, choose_ends, switch_cells
 from irs_gym.mdp.dynamics import Transition
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World, shows_fields
@@ -206,6 +206,11 @@ class IrsNavCodebookEnv(gymnasium.Env[Any, int]):
         ``observation="cell"``.
         """
         return self._episode.states
+
+    @property
+    def switch_cells(self) -> NDArray[np.int64]:
+        """Cells (i, j) where the panel has been switched in this episode, ``(switches, 2)``."""
+        return switch_cells(np.array(self._episode.states), self.maps)
 
     @property
     def distance_to_go(self) -> float:

@@ -3,7 +3,7 @@ task fixes, and `CodebookRules` over its states, each a configuration and a cell
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from hashlib import blake2b
 from typing import Any
@@ -209,6 +209,22 @@ def configuration_world(maps: CodebookMaps, scene: int, configuration: int) -> W
         feasible=maps.feasible[scene, configuration],
         irs=np.broadcast_to(irs, (*maps.shape, len(irs))),
         source=(configuration_world, (maps, scene, configuration)),
+    )
+
+
+@lru_cache(maxsize=8)
+def reach_world(maps: CodebookMaps, scene: int) -> World:
+    """The world of `IrsNav-v0` with the highest gain that any configuration gives in each cell:
+    what the codebook reaches.
+    """
+    world = configuration_world(maps, scene, 0)
+    gain_db = maps.gain_db[scene].max(axis=0)  # (X, Y)
+
+    return replace(
+        world,
+        radio_map=RadioMap(gain_db, grid=maps.grid(scene)),
+        feasible=maps.feasible[scene].any(axis=0),
+        source=(reach_world, (maps, scene)),
     )
 
 
@@ -600,6 +616,15 @@ class CodebookRules:
         cells = np.indices(self.maps.shape).transpose(1, 2, 0).reshape(-1, 2)
         offsets = cells - self.goals[:, None]  # (P, C, 2)
         return frozen(potential(self.maps.rules, offsets, self.maps.cell_size))
+
+
+def switch_cells(states: Ints, maps: CodebookMaps) -> Ints:
+    """Cells (i, j) where the panel is switched along the states ``(T,)`` of an episode, ``(n,
+    2)``.
+    """
+    configurations, cells = np.divmod(states, maps.size)
+    is_switch = np.diff(configurations) != 0  # (T - 1,)
+    return cells_at(cells[1:][is_switch], maps.shape)
 
 
 @lru_cache(maxsize=8)

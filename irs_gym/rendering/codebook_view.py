@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.mdp.codebook_rules import CodebookMaps, Ends
+from irs_gym.mdp.codebook_rules import CodebookMaps, Ends, switch_cells
 from irs_gym.mdp.path_history import cells_of
 from irs_gym.oracle.joint import JointPath
 from irs_gym.rendering.episode_view import RENDERERS
@@ -19,18 +19,8 @@ def codebook_picture(
     """What a render mode makes of the states ``(T,)`` of an episode: the map of the last one's
     configuration, and where the robot and the oracle have switched.
     """
-    configurations, cells = np.divmod(states, maps.size)
-    is_switch = np.diff(configurations) != 0  # (T - 1,)
-    view = _view_of(maps, ends, oracle, int(configurations[-1]))
-
-    return RENDERERS[mode](
-        view, cells_of(cells, maps.shape), cells_of_all(cells[1:][is_switch], maps.shape)
-    )
-
-
-def cells_of_all(flat: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.int64]:
-    """Cells (i, j) of flat cells ``(n,)``, each as often as it is there, ``(n, 2)``."""
-    return np.stack(np.divmod(flat, shape[1]), axis=1)
+    view = _view_of(maps, ends, oracle, int(states[-1]) // maps.size)
+    return RENDERERS[mode](view, cells_of(states, maps.shape), switch_cells(states, maps))
 
 
 @lru_cache(maxsize=32)

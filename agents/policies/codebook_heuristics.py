@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy
-from irs_gym.grid import MOVE_LENGTHS, Cell, legal_moves, neighbours, octile_distance
+from irs_gym.grid import Cell, neighbours
 from irs_gym.mdp.codebook_rules import CodebookMaps, CodebookRules
+from irs_gym.oracle.joint import joint_distance_to_go
 from irs_gym.oracle.shortest_path import distance_to_go, optimal_moves
 
 Bools = NDArray[np.bool_]
@@ -89,21 +90,18 @@ def _never_switch(rules: CodebookRules, state: int) -> Bools:
 
 
 def _greedy_gain(rules: CodebookRules, state: int) -> Bools:
-    """The feasible move with the least length plus octile distance from its end to the goal; but a
-    switch into the configuration of the highest gain here, where its move is better by more than
-    the switch costs.
+    """The first move of a path that is shortest where switches are free. The present configuration
+    is kept as long as it allows such a move; then the panel switches into the one that gives the
+    highest gain after it.
     """
-    maps = rules.maps
-    scene, _ = rules.pairs[0]
-    k, cell = divmod(state, maps.size)
-    strongest = int(maps.strongest[scene].flat[cell])
-    value = {each: _values(rules, each)[cell] for each in (k, strongest)}  # (8,) each
-    is_met = maps.feasible[scene, strongest].flat[cell]
-    pays = value[strongest].min() + maps.switch_cost < value[k].min()
-    if strongest != k and is_met and pays:
-        return _only(rules, np.array([8 + strongest]))
+    k, cell = divmod(state, rules.maps.size)
+    is_best, gain_ahead = _free_switching(rules)  # (K, X * Y, 8) each
+    if is_best[k, cell].any():
+        return _only(rules, [is_best[k, cell].argmax()])
 
-    return _only(rules, np.array([value[k].argmin()]) if np.isfinite(value[k].min()) else [])
+    gains = np.where(is_best[:, cell], gain_ahead[:, cell], -np.inf).max(axis=-1)  # (K,)
+
+    return _only(rules, [8 + gains.argmax()] if np.isfinite(gains).any() else [])
 
 
 def _only(rules: CodebookRules, actions: Any) -> Bools:
@@ -123,18 +121,20 @@ def _moves(rules: CodebookRules, configuration: int) -> Bools:
     )
 
 
-@lru_cache(maxsize=256)
-def _values(rules: CodebookRules, configuration: int) -> NDArray[np.float64]:
-    """Length of each move plus octile distance from its end to the goal in metres, inf where it is
-    not feasible under a configuration, ``(X * Y, 8)``.
+@lru_cache(maxsize=64)
+def _free_switching(rules: CodebookRules) -> tuple[Bools, NDArray[np.float64]]:
+    """Moves under each configuration that begin a path that is shortest where switches are free,
+    and the gain after each, ``(K, X * Y, 8)``.
     """
     maps = rules.maps
     scene, goal = rules.pairs[0]
-    offsets = np.indices(maps.shape).transpose(1, 2, 0) - np.array(goal)
-    ahead = neighbours(octile_distance(offsets), np.inf) + MOVE_LENGTHS  # (X, Y, 8), in cells
-    is_open = legal_moves(maps.feasible[scene, configuration])
+    gain_db = maps.gain_db[scene]
+    to_go = joint_distance_to_go(gain_db, float(maps.target_db[scene]), goal, maps.cell_size)
+    is_best = np.moveaxis(optimal_moves(to_go, maps.cell_size), 1, -1)  # (K, X, Y, 8)
+    ahead = neighbours(gain_db, -np.inf)
+    shape = (maps.configurations, maps.size, 8)
 
-    return np.where(is_open, ahead * maps.cell_size, np.inf).reshape(-1, 8)
+    return is_best.reshape(shape), ahead.reshape(shape)
 
 
 RULES: dict[str, Rule] = {

@@ -19,6 +19,9 @@ COMMANDS = {
         "tell where a discount makes another path than the shortest the best, "
         "and write docs/shaping.md"
     ),
+    "codebook": (
+        "compute how few configurations of the panel make the best path, and write docs/codebook.md"
+    ),
     "generalisation": (
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
     ),

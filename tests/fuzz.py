@@ -463,6 +463,10 @@ def arguments(folder: Path) -> Callable[[], None]:
         st.sampled_from(cells[:2]) | st.sampled_from(cells) | anything,
         st.sampled_from(arrays[:2]) | anything,
     )
+    stack = st.sampled_from([np.zeros((2, 4, 4)), np.stack([gain] * 3), gain[None]]) | anything
+    paper, none, size = st.just("paper") | anything, st.none() | anything, st.just(3) | anything
+    target, coarse = st.just(-61.8) | anything, st.just(2.0) | anything
+    beams = irs_gym.dft_codebook("paper", 2)
     functions: list[tuple[Callable[..., Any], list[Any]]] = [
         (irs_gym.shortest_path, [array, cell, cell, number]),
         (irs_gym.distance_to_go, [array, cell, number]),
@@ -489,6 +493,18 @@ def arguments(folder: Path) -> Callable[[], None]:
             [st.just("paper") | anything, number, st.none() | anything, st.none() | anything],
         ),
         (scene_set.build_scene_set, [st.just("val") | anything, st.just(0) | anything]),
+        (irs_gym.joint_shortest_path, [stack, number, cell, cell, number, number, none]),
+        (irs_gym.joint_distance_to_go, [stack, number, cell, number, number]),
+        (irs_gym.highest_joint_target, [stack, cell, cell]),
+        (irs_gym.switch_front, [stack, number, cell, cell, number]),
+        (irs_gym.Codebook, [array, st.just("0" * 64) | anything, anything]),
+        (irs_gym.Codebook.from_array, [array, paper, none]),
+        (irs_gym.Codebook.load, [anything]),
+        (irs_gym.codebook_gain_db, [paper, st.just(beams) | anything, number, none]),
+        (irs_gym.dft_codebook, [paper, size, none, none, anything]),
+        (irs_gym.focused_codebook, [paper, st.lists(cell, max_size=2) | anything, number, none]),
+        (irs_gym.cover_codebook, [paper, size, target, coarse, none, none]),
+        (irs_gym.fewest_configurations, [paper, target, coarse, none, none]),
     ]
     names = [name for kind in (Task, RandomTask) for name in kind.__dataclass_fields__]
     given_names = st.sampled_from(

@@ -484,5 +484,18 @@ def test_the_public_names_are_all_tried_here():
         "TradeOff",
         "__version__",
         "from_sionna",
-    }  # results, data; test_sionna.py
+        "JointPath",
+        "SwitchFront",
+        "FewestConfigurations",
+        "Codebook",
+        "codebook_gain_db",
+        "dft_codebook",
+        "focused_codebook",
+        "cover_codebook",
+        "fewest_configurations",
+        "joint_shortest_path",
+        "joint_distance_to_go",
+        "highest_joint_target",
+        "switch_front",
+    }  # results, data; test_sionna.py, test_codebook.py, test_configurations.py, test_joint.py
     assert all(name in source for name in {*irs_gym.__all__} - untried)

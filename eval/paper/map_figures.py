@@ -157,7 +157,7 @@ def draw_maps(
             axes.set(title=title, ylabel="" if axes is panels[-1] else "y (m)")
 
         _colour_bar(figure, panels, scale, "expected channel gain (dB)")
-        _legend(figure, panels[-1])
+        add_floor_legend(figure, panels[-1])
 
         columns = {f"{_word(title)}_db": each.gain_db for title, each in maps.items()}
         columns |= {f"{_word(title)}_step_of_path": steps[title] for title in paths}
@@ -190,7 +190,7 @@ def draw_paths(study: Study, folder: Path) -> None:
             rows += [(scheme.name, n, *cell, *at) for n, (cell, *at) in enumerate(cells)]
 
         axes.set_title(f"target {minus(PATHS_AT_DB)} dB, M = {study.scene.irs_panels[0].elements}")
-        _legend(figure, axes)
+        add_floor_legend(figure, axes)
         save(figure, folder, "paths", ("scheme", "step", "i", "j", "x_m", "y_m"), rows)
 
 
@@ -210,7 +210,7 @@ def draw_optimal_gain(study: Study, folder: Path) -> None:
         draw_cell_values(axes, study.radio_map(ONE_BIT), raised, scale)
         draw_floor(axes, study.scene)
         _colour_bar(figure, axes, scale, "optimal over nearest levels, 1 bit (dB)")
-        _legend(figure, axes)
+        add_floor_legend(figure, axes)
 
         columns = {"nearest_db": nearest, "optimal_db": optimal}
         save(figure, folder, "optimal_quantiser", *_cell_table(study, columns))
@@ -235,7 +235,7 @@ def draw_own_scene(study: Study, target_db: float, folder: Path) -> None:
             on_path = _draw_path(axes, radio_map, path, f"{label}, {path.distance:.2f} m")
 
         _colour_bar(figure, axes, scale, "expected channel gain (dB)")
-        _legend(figure, axes)
+        add_floor_legend(figure, axes)
         columns = {"gain_db": radio_map.gain_db, "step_of_path": on_path}
         save(figure, folder, study.scene.name, *_cell_table(study, columns))
 
@@ -283,7 +283,8 @@ def _colour_bar(figure: Figure, axes: Any, scale: Normalize, label: str) -> None
     )
 
 
-def _legend(figure: Figure, axes: Axes) -> None:
+def add_floor_legend(figure: Figure, axes: Axes) -> None:
+    """A legend below the figure, of all that is labelled on one floor."""
     handles, labels = axes.get_legend_handles_labels()
     handles = [
         Patch(**OBSTACLE) if label == "obstacle" else handle

@@ -71,6 +71,10 @@ def fewest_configurations(
     """The shortest path with 0, 1, 2 ... switches of the panel, exactly, with the best
     configurations of all free cells to choose from. The first configuration is free.
 
+    The last point of the front has the metres of the paper's path where one configuration serves
+    both ends of each of its moves. Where none does they may be more, as the panel switches in
+    place; and with rounded phases less, as another cell's may suit a cell better than its own.
+
     Parameters
     ----------
     scene
@@ -120,12 +124,12 @@ def cover_codebook(
     path survives.
 
     First come the configurations of the best path that `switch_front` finds, where that takes no
-    more than ``size``: then the choice is exact, and no codebook has a shorter path. Otherwise
-    those of the shortest path that takes no more. Then those of the other points of the front, as
-    long as there is room: with all of them, no switch cost makes another codebook of focused
-    configurations better. The rest covers the feasible cells greedily: each configuration serves
-    the most of the cells that are served least so far. That is all there is where even the fewest
-    switches take more than ``size``. The codebook's ``design`` says which it was.
+    more than ``size``: then the choice is exact, and no codebook of focused configurations has a
+    shorter path. Otherwise those of the shortest path that takes no more. Then those of the other
+    points of the front, as long as there is room: with all of them, no switch cost makes another
+    choice better. The rest covers the feasible cells greedily: each configuration serves the most
+    of the cells that are served least so far. That is all there is where even the fewest switches
+    take more than ``size``. The codebook's ``design`` says which it was.
 
     Parameters
     ----------

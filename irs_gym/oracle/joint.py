@@ -4,7 +4,7 @@
 
 from bisect import bisect_left
 from dataclasses import dataclass
-from math import floor
+from math import floor, isnan
 from numbers import Real
 from operator import index
 from typing import Any, NamedTuple
@@ -31,6 +31,7 @@ from irs_gym.oracle.shortest_path import Integers, flat_cell, path_length
 
 _PAIR_BYTES = 500  # for each feasible pair of a configuration and a cell, at the most
 _MAP_BYTES = 30  # for any pair
+_FIRST_LIMIT = 1.1  # times the shortest way: where the first search looks
 _SWITCH = len(MOVES)  # the link after those of the moves: to the hub of the cell, or from it
 
 
@@ -120,30 +121,55 @@ def joint_shortest_path(
     target_db = checked_target(target_db)
     cell_size = checked_cell_size(cell_size)
     switch_cost = checked_switch_cost(switch_cost)
-    source, sink = checked_ends(gain_db, start, goal)
+    source = checked_end(gain_db, start, "start")
+    sink = checked_end(gain_db, goal, "goal")
     gains_here = gain_db.reshape(len(gain_db), -1)[:, source]  # (K,)
     first = int(np.argmax(gains_here)) if first is None else _checked_first(first, len(gain_db))
 
     pairs = feasible_pairs(gain_db, target_db)
-    graph = pairs_graph(pairs, *_weights(pairs.shape, switch_cost / cell_size))
-    begin = graph.pair_of[first, source]
-    ends = graph.pair_of[:, sink]
-    ends = ends[ends >= 0]
-    if begin < 0 or not len(ends):
+    weights = _weights(pairs.shape, switch_cost / cell_size)
+    straight, diagonal, half_switch = weights
+    # of the shortest way through each cell, switches uncounted
+    through = least_to_go(pairs, straight, diagonal, source)
+    through = through + least_to_go(pairs, straight, diagonal, sink)  # (X * Y,)
+
+    if not (pairs[first, *divmod(source, pairs.shape[2])] and np.isfinite(through[source])):
         raise ValueError(joint_infeasible(gain_db, start, goal, target_db, first))
+
+    # Most searches end within a little more than the shortest way, and then leave out all cells
+    # farther off. What they find is the best if it is no longer than that.
+    limit = through[source] * _FIRST_LIMIT + 2 * half_switch
+    while True:
+        kept = pairs & (through <= limit).reshape(pairs.shape[1:])
+        states, length = _search(kept, weights, first, source, sink)
+        if length <= limit:
+            return path_of_pairs(states, pairs.shape, cell_size, switch_cost)
+        limit = length
+
+
+def _search(
+    pairs: NDArray[np.bool_],
+    weights: tuple[float, float, float],
+    first: int,
+    source: int,
+    sink: int,
+) -> tuple[Integers, float]:
+    """The pairs on the best way from the source under the first configuration to the sink, and its
+    length: +inf where there is none.
+    """
+    graph = pairs_graph(pairs, *weights)
+    ends = graph.pair_of[:, sink]
 
     # For each pair the next one on the way to the goal: weights are the same both ways.
-    distance, after, _ = dijkstra(
-        graph.weights, indices=ends, min_only=True, return_predecessors=True
+    to_go, after, _ = dijkstra(
+        graph.weights, indices=ends[ends >= 0], min_only=True, return_predecessors=True
     )
-    if np.isinf(distance[begin]):
-        raise ValueError(joint_infeasible(gain_db, start, goal, target_db, first))
-
-    nodes = [int(begin)]
+    nodes = [int(graph.pair_of[first, source])]
+    length = float(to_go[nodes[0]])
     while after[nodes[-1]] >= 0:
         nodes.append(int(after[nodes[-1]]))
 
-    return path_of_pairs(graph.states_at(np.array(nodes)), pairs.shape, cell_size, switch_cost)
+    return graph.states_at(np.array(nodes)), length
 
 
 def joint_distance_to_go(
@@ -170,7 +196,7 @@ def joint_distance_to_go(
     target_db = checked_target(target_db)
     cell_size = checked_cell_size(cell_size)
     switch_cost = checked_switch_cost(switch_cost)
-    _, sink = checked_ends(gain_db, goal, goal)
+    sink = checked_end(gain_db, goal, "goal")
 
     pairs = feasible_pairs(gain_db, target_db)
     straight, diagonal, half_switch = _weights(pairs.shape, switch_cost / cell_size)
@@ -207,7 +233,8 @@ def highest_joint_target(gain_db: NDArray[np.float64], start: Cell, goal: Cell) 
     -63.0
     """
     gain_db = checked_gains(gain_db)
-    source, sink = checked_ends(gain_db, start, goal)
+    source = checked_end(gain_db, start, "start")
+    sink = checked_end(gain_db, goal, "goal")
     best = gain_db.max(axis=0).ravel()  # (X * Y,)
     if source == sink:
         return float(best[source])
@@ -311,31 +338,46 @@ def pairs_graph(
     hub_of = np.full(flat.shape[1], -1, dtype=np.int32)
     hub_of[hubs] = len(states) + np.arange(len(hubs), dtype=np.int32)
 
-    # each pair's links: its legal moves, then its hub
+    # each pair's links: its legal moves, then its hub, and where they lead
     links = np.empty((len(states), _SWITCH + 1), dtype=bool)
     links[:, :_SWITCH] = legal_moves(pairs)[pairs]
     links[:, _SWITCH] = np.tile(can_switch, configurations)[states]
-    first, link = np.nonzero(links)
-    steps = np.append(flat_cells(MOVES, pairs.shape[1:]), 0)
-    second = pair_of.ravel()[states[first] + steps[link]]
-    is_switch = link == _SWITCH
-    second[is_switch] = hub_of[states[first[is_switch]] % flat.shape[1]]
-    weight_of_link = np.where(np.append(MOVE_LENGTHS, 0) == 1, straight, diagonal)
-    weight_of_link[_SWITCH] = half_switch or 0
+    second = np.empty(links.shape, dtype=np.int32)
+    for move, step in enumerate(flat_cells(MOVES, pairs.shape[1:])):
+        # off the map, where no link is, any cell will do
+        second[:, move] = pair_of.take(states + step, mode="clip")
+    second[:, _SWITCH] = np.tile(hub_of, configurations)[states]
+    length = np.where(MOVE_LENGTHS == 1, straight, diagonal)  # (8,)
+    weights = np.broadcast_to(np.append(length, half_switch or 0), links.shape)  # (pairs, 9)
 
     # and each hub's: all pairs of its cell
     at_hubs = flat[:, hubs].T  # (hubs, K)
     back = pair_of[:, hubs].T[at_hubs]
 
-    index_type = np.int32 if len(first) + len(back) < 2**31 else np.int64
-    rows = np.zeros(len(states) + len(hubs) + 1, dtype=index_type)
-    np.cumsum(
-        np.append(np.count_nonzero(links, axis=1), np.count_nonzero(at_hubs, axis=1)), out=rows[1:]
-    )
-    weights = np.append(weight_of_link[link], np.full(len(back), float(half_switch or 0)))
-    columns = np.append(second, back)
+    # the links there are, as compressed sparse rows
+    counts = np.append(np.count_nonzero(links, axis=1), np.count_nonzero(at_hubs, axis=1))
+    index_type = np.int32 if counts.sum() < 2**31 else np.int64
+    rows = np.append(0, np.cumsum(counts)).astype(index_type)
+    columns = np.append(second[links], back).astype(index_type, copy=False)
+    weights = np.append(weights[links], np.full(len(back), half_switch or 0))
 
-    return Graph(csr_array((weights, columns, rows), shape=(len(rows) - 1,) * 2), states, pair_of)
+    graph = csr_array((weights, columns, rows), shape=(len(rows) - 1,) * 2)
+    return Graph(graph, states, pair_of)
+
+
+def least_to_go(
+    pairs: NDArray[np.bool_], straight: float, diagonal: float, sink: int
+) -> NDArray[np.float64]:
+    """Lengths of the shortest ways to a cell with as many switches as it takes, shape ``(X * Y,)``:
+    over every move that some configuration allows.
+    """
+    allowed = (legal_moves(pairs) & pairs[..., None]).any(axis=0)  # (X, Y, 8)
+    first, move = np.divmod(np.flatnonzero(allowed), len(MOVES))
+    second = first + flat_cells(MOVES, pairs.shape[1:])[move]
+    weights = np.where(MOVE_LENGTHS == 1, straight, diagonal)[move]
+    graph = csr_array((weights, (first, second)), shape=(pairs[0].size,) * 2)
+
+    return np.asarray(dijkstra(graph, indices=sink))
 
 
 def _weights(shape: tuple[int, ...], switch_cells: float) -> tuple[float, float, float]:
@@ -407,9 +449,13 @@ def checked_gains(gain_db: Any) -> NDArray[np.float64]:
 def checked_target(target_db: Any) -> float:
     """A target in dB; a ``ValueError`` where it is no number."""
     is_number = isinstance(target_db, Real) and not isinstance(target_db, bool)
-    if not is_number or np.isnan(float(target_db)):
-        raise ValueError(f"target_db={target_db!r} must be a number of dB")
-    return float(target_db)
+    try:
+        if is_number and not isnan(target_db):
+            return float(target_db)
+    except OverflowError:  # an integer of hundreds of digits
+        pass
+
+    raise ValueError(f"target_db={target_db!r} must be a number of dB")
 
 
 def checked_switch_cost(switch_cost: Any) -> float:
@@ -422,12 +468,9 @@ def checked_switch_cost(switch_cost: Any) -> float:
     return float(switch_cost)
 
 
-def checked_ends(gain_db: NDArray[np.float64], start: Any, goal: Any) -> tuple[int, int]:
-    """Flat cells of start and goal; a ``ValueError`` names the one that is no cell of the map."""
-    return (
-        flat_cell(gain_db[0], as_cell(start, "start"), "start"),
-        flat_cell(gain_db[0], as_cell(goal, "goal"), "goal"),
-    )
+def checked_end(gain_db: NDArray[np.float64], cell: Any, name: str) -> int:
+    """Flat cell of an end of the path; a ``ValueError`` names it where it is no cell of the map."""
+    return flat_cell(gain_db[0], as_cell(cell, name), name)
 
 
 def _checked_first(first: Any, configurations: int) -> int:

@@ -7,23 +7,17 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from irs_gym.grid import (
-    MOVE_LENGTHS,
-    MOVES,
-    Cell,
-    checked_cell_size,
-    flat_cells,
-    legal_moves,
-)
+from irs_gym.grid import Cell, checked_cell_size
 from irs_gym.memory import freeze
 from irs_gym.oracle.joint import (
     Graph,
     JointPath,
-    checked_ends,
+    checked_end,
     checked_gains,
     checked_target,
     feasible_pairs,
     joint_infeasible,
+    least_to_go,
     pairs_graph,
     path_of_pairs,
 )
@@ -107,12 +101,13 @@ def switch_front(
     gain_db = checked_gains(gain_db)
     target_db = checked_target(target_db)
     cell_size = checked_cell_size(cell_size)
-    source, sink = checked_ends(gain_db, start, goal)
+    source = checked_end(gain_db, start, "start")
+    sink = checked_end(gain_db, goal, "goal")
 
     pairs = feasible_pairs(gain_db, target_db)
     lengths = whole_lengths(int(np.count_nonzero(pairs)))
     graph = pairs_graph(pairs, *lengths)
-    to_go = _least_to_go(pairs, lengths, sink)  # (X * Y,)
+    to_go = least_to_go(pairs, *lengths, sink)  # (X * Y,)
 
     layers: list[NDArray[np.float64]] = []  # each (K, X * Y): least length to every pair
     points: list[JointPath] = []
@@ -141,21 +136,6 @@ def switch_front(
         np.array([path.distance for path in points]),
         tuple(points),
     )
-
-
-def _least_to_go(
-    pairs: NDArray[np.bool_], lengths: tuple[int, int], sink: int
-) -> NDArray[np.float64]:
-    """Whole lengths of the shortest ways to the goal with as many switches as it takes, shape
-    ``(X * Y,)``: over every move that some configuration allows.
-    """
-    allowed = (legal_moves(pairs) & pairs[..., None]).any(axis=0)  # (X, Y, 8)
-    first, move = np.divmod(np.flatnonzero(allowed), len(MOVES))
-    second = first + flat_cells(MOVES, pairs.shape[1:])[move]
-    weights = np.where(MOVE_LENGTHS == 1, *lengths).astype(np.float64)[move]
-    graph = csr_array((weights, (first, second)), shape=(pairs[0].size,) * 2)
-
-    return np.asarray(dijkstra(graph, indices=sink))
 
 
 def _spread(

@@ -32,6 +32,7 @@ from irs_gym.radio.scene import IrsPanel, Scene
 from irs_gym.units import Floats, linear_to_db, wavelength_m
 
 _HASH = re.compile(r"[0-9a-f]{64}")
+_LARGEST_SIZE = 10**9  # configurations
 _LONGEST_DESIGN = 200  # characters
 # What a scene tells that no gain depends on.
 _NOT_RADIO = {"name", "start", "goal", "target_db", "phase_bits", "format_version"}
@@ -461,8 +462,11 @@ def _listed(cells: Any) -> list[Cell]:
 
 def checked_size(size: Any) -> int:
     """A number of configurations; a ``ValueError`` where it is none from 1 on."""
-    if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 1:
-        raise ValueError(f"size={size!r} must be a positive number of configurations")
+    is_number = isinstance(size, int | np.integer) and not isinstance(size, bool)
+    if not is_number or not 1 <= size <= _LARGEST_SIZE:
+        raise ValueError(
+            f"size={size!r} must be a positive number of configurations, at most {_LARGEST_SIZE}"
+        )
     return int(size)
 
 

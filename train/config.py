@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from agents.registry import ALGORITHMS, config_class
-from agents.rollout.episode import SceneTask, arguments_of, scene_task_of
+from agents.rollout.episode import SceneTask, arguments_of, check_one_scene, scene_task_of
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run, RunError
 from agents.single.config import check_settings
@@ -83,6 +83,7 @@ class TrainConfig(RunConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_settings(self, "whole", "hold")
+        check_one_scene(self.env)
         if (
             isinstance(self.agent, DqnConfig)
             and self.agent.n_steps > 1

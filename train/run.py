@@ -155,9 +155,13 @@ def _evaluation(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 def _material(config: TrainConfig | GeneralistConfig) -> Any:
     """What is trained on: an environment, or a pool of scenes."""
     if isinstance(config, TrainConfig):
+        # no learner reads more of the infos, and dicts of all of them take longer than the steps
+        told = ["is_success"]
         is_switched = isinstance(config.env, CodebookTask)
         kind = IrsNavCodebookVectorEnv if is_switched else IrsNavVectorEnv
-        return IrsNavVecEnv(config.agent.n_envs, vector_env=kind, **arguments_of(config.env))
+        return IrsNavVecEnv(
+            config.agent.n_envs, vector_env=kind, infos=told, **arguments_of(config.env)
+        )
 
     scenes = _pool(config, config.env.split, config.env.num_scenes)
     if _is_taught(config):

@@ -93,10 +93,15 @@ def scene_task_of(arguments: Mapping[str, Any]) -> SceneTask:
         return task_of(arguments)
 
     task = codebook_task_of(arguments)
-    if task.has_many_scenes:
-        raise ValueError("split and scenes cannot be given here: this agent learns in one scene")
+    check_one_scene(task)
 
     return task
+
+
+def check_one_scene(task: SceneTask) -> None:
+    """Refuse a task of many scenes by a ``ValueError``."""
+    if isinstance(task, CodebookTask) and task.has_many_scenes:
+        raise ValueError("split and scenes cannot be given here: this agent learns in one scene")
 
 
 def env_id_of(task: SceneTask) -> str:

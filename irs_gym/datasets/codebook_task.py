@@ -20,7 +20,6 @@ from irs_gym.mdp.codebook_rules import CodebookMaps, check_maps_memory, choose_e
 from irs_gym.mdp.configurations import cover_codebook
 from irs_gym.mdp.dynamics import check_bonus
 from irs_gym.mdp.task import (
-    Constraint,
     Rules,
     Task,
     checked_fields,
@@ -40,6 +39,7 @@ from irs_gym.radio.radio_map import RadioModel
 from irs_gym.radio.scene import Scene, load_scenes
 
 CodebookKind = Literal["cover", "focused", "dft"]
+CodebookConstraint = Literal["refuse", "terminate", "allow"]
 MOST_CONFIGURATIONS = 65_536
 
 # Of one scene alone: a set of scenes says them itself.
@@ -98,7 +98,7 @@ class CodebookTask:
     """
     irs_phases: bool = Task.irs_phases
     """Whether the observation holds the phase shift of each sub-surface; never over many scenes."""
-    constraint: Constraint = Task.constraint
+    constraint: CodebookConstraint = "refuse"
     """What happens below the target: the move or switch is refused, ends the episode, or is allowed
     at a cost.
     """
@@ -137,6 +137,11 @@ class CodebookTask:
                 "holds its phases"
             )
 
+        if self.constraint not in get_args(CodebookConstraint):
+            raise ValueError(
+                f"constraint={self.constraint!r} must be one of {get_args(CodebookConstraint)}"
+            )
+
         # refuses other kinds of observation
         CodebookPacking(self.rules.observation, 1, 3, (1, 1), 1)
 
@@ -153,7 +158,11 @@ class CodebookTask:
     @cached_property
     def rules(self) -> Rules:
         """The part that is the robot's."""
-        own = {each.name: getattr(self, each.name) for each in fields(Rules)}
+        names = [each.name for each in fields(Rules)]
+        # what is none of its arguments is as in `IrsNav-v0` by default
+        own: dict[str, Any] = {
+            name: getattr(self, name, getattr(Task, name, None)) for name in names
+        }
         rules = Rules(**own)
         return replace(rules, irs_phases=False) if self.has_many_scenes else rules
 
@@ -204,7 +213,7 @@ class CodebookTaskArguments(TypedDict, total=False):
     patch_radius: int
     observation: CodebookObservation
     irs_phases: bool
-    constraint: Constraint
+    constraint: CodebookConstraint
     random_start: float
     shaping: bool
     goal_bonus: float

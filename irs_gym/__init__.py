@@ -14,10 +14,15 @@ if TYPE_CHECKING:
     from irs_gym.mdp.configurations import FewestConfigurations as FewestConfigurations
     from irs_gym.mdp.configurations import cover_codebook as cover_codebook
     from irs_gym.mdp.configurations import fewest_configurations as fewest_configurations
+    from irs_gym.mdp.cost import cost_map as cost_map
+    from irs_gym.oracle.budget_to_go import BudgetToGo as BudgetToGo
+    from irs_gym.oracle.budget_to_go import budget_to_go as budget_to_go
     from irs_gym.oracle.joint import JointPath as JointPath
     from irs_gym.oracle.joint import highest_joint_target as highest_joint_target
     from irs_gym.oracle.joint import joint_distance_to_go as joint_distance_to_go
     from irs_gym.oracle.joint import joint_shortest_path as joint_shortest_path
+    from irs_gym.oracle.pareto_front import Front as Front
+    from irs_gym.oracle.pareto_front import pareto_front as pareto_front
     from irs_gym.oracle.shortest_path import Path as Path
     from irs_gym.oracle.shortest_path import distance_to_go as distance_to_go
     from irs_gym.oracle.shortest_path import highest_feasible_target as highest_feasible_target
@@ -31,6 +36,7 @@ if TYPE_CHECKING:
     from irs_gym.radio.codebook import codebook_gain_db as codebook_gain_db
     from irs_gym.radio.codebook import dft_codebook as dft_codebook
     from irs_gym.radio.codebook import focused_codebook as focused_codebook
+    from irs_gym.radio.outage import outage_probability as outage_probability
     from irs_gym.radio.radio_map import RadioMap as RadioMap
     from irs_gym.radio.radio_map import build_phase_shifts as build_phase_shifts
     from irs_gym.radio.radio_map import build_radio_map as build_radio_map
@@ -53,6 +59,11 @@ _HOMES = {
     "highest_joint_target": "oracle.joint",
     "joint_distance_to_go": "oracle.joint",
     "joint_shortest_path": "oracle.joint",
+    "cost_map": "mdp.cost",
+    "BudgetToGo": "oracle.budget_to_go",
+    "budget_to_go": "oracle.budget_to_go",
+    "Front": "oracle.pareto_front",
+    "pareto_front": "oracle.pareto_front",
     "Path": "oracle.shortest_path",
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",
@@ -61,6 +72,7 @@ _HOMES = {
     "codebook_gain_db": "radio.codebook",
     "dft_codebook": "radio.codebook",
     "focused_codebook": "radio.codebook",
+    "outage_probability": "radio.outage",
     "RadioMap": "radio.radio_map",
     "build_phase_shifts": "radio.radio_map",
     "build_radio_map": "radio.radio_map",

@@ -18,6 +18,7 @@ input that was found.
 
 import argparse
 import contextlib
+import copy
 import faulthandler
 import functools
 import io
@@ -160,7 +161,8 @@ def places(part: Any) -> Iterator[tuple[Any, Any]]:
 def mutated(tree: Any, wanted: list[tuple[int, str, Any]]) -> Any:
     """A copy of a tree of JSON with some of its values put, dropped, doubled or added to."""
     tree = json.loads(json.dumps(tree))
-    for number, how, value in wanted:
+    for number, how, drawn in wanted:
+        value = copy.deepcopy(drawn)  # one value may be drawn twice: a tree must not hold itself
         found = [
             each
             for each in places(tree)
@@ -472,6 +474,8 @@ def arguments(folder: Path) -> Callable[[], None]:
         (irs_gym.distance_to_go, [array, cell, number]),
         (irs_gym.highest_feasible_target, [array, cell, cell]),
         (irs_gym.trade_off, [array, cell, cell, number]),
+        (irs_gym.pareto_front, [array, cell, cell, number]),
+        (irs_gym.budget_to_go, [array, cell, number, number]),
         (irs_gym.straight_line_bound, [array, cell, cell, number]),
         (irs_gym.RadioMap.from_array, [array, number, anything, st.none() | anything]),
         (irs_gym.RadioMap.load, [anything]),

@@ -110,7 +110,8 @@ def env_id_of(task: SceneTask) -> str:
 
 
 def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
-    """The environment that policies are tested in: the task's, from its fixed start.
+    """The environment that policies are tested in: the task's, from its fixed start, and with the
+    least budget, which is the hardest to keep.
 
     Raises
     ------
@@ -119,7 +120,16 @@ def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
     ValueError
         Where it cannot be made; an infeasible target included.
     """
-    return gymnasium.make(env_id_of(task), **arguments_of(replace(task, random_start=False)))
+    tested: SceneTask = replace(task, random_start=False)
+    if isinstance(tested, Task):
+        tested = replace(tested, budget=tested.rules.least_budget)
+
+    return gymnasium.make(env_id_of(task), **arguments_of(tested))
+
+
+def _misses(info: dict[str, Any]) -> bool:
+    """Whether the target is missed: in this cell, or with a budget, where that is exhausted."""
+    return bool(info["budget_left"] < 0 if "budget_left" in info else info["cost"] > 0)
 
 
 def roll_out(
@@ -150,7 +160,7 @@ def roll_out(
         steps = steps + 1
         total_reward = total_reward + float(reward)
         is_over = is_terminated or is_truncated
-        has_missed = has_missed or info["cost"] > 0
+        has_missed = has_missed or _misses(info)
 
     robot: Any = env.unwrapped
     path = np.asarray(robot.path)

@@ -12,6 +12,8 @@ import numpy as np
 from agents.rollout.episode import SceneTask
 from irs_gym.datasets.codebook_task import CodebookTask
 from irs_gym.grid import Cell
+from irs_gym.mdp.budget import Budget, OnExhausted, range_of
+from irs_gym.mdp.cost import CostKind
 from irs_gym.mdp.task import Constraint, ForeignMap, resolved
 from irs_gym.radio.codebook import Codebook
 from irs_gym.radio.irs import ArrayModel, Quantiser
@@ -43,6 +45,9 @@ class Problem:
     quantiser: Quantiser | None
     array_model: ArrayModel | None
     constraint: Constraint
+    cost: CostKind | None
+    budget: Budget | None
+    on_exhausted: OnExhausted | None
     start: Cell | None
     goal: Cell | None
     codebook: str | None = None
@@ -62,11 +67,15 @@ class Problem:
         if self.irs_elements not in ((), PAPER_ELEMENTS):
             parts.append(f"M = {' + '.join(map(str, self.irs_elements))}")
 
+        if self.budget is not None:
+            parts.append(f"budget {_in_words(self.budget)} ({self.cost})")
+
         usual = {
             "cell_size": 0.5,
             "quantiser": "nearest",
             "array_model": "far_field",
-            "constraint": "refuse",
+            "constraint": "budget" if self.budget is not None else "refuse",
+            "on_exhausted": "terminate",
         }
         for name, value in usual.items():
             if getattr(self, name) not in (value, None) and not (
@@ -139,6 +148,7 @@ def problem_of(task: SceneTask) -> Problem:
         elements = tuple(panel.elements for panel in whole.radio.built_scene.irs_panels)
 
     has_irs = bool(elements)
+    has_budget = task.budget is not None
 
     return Problem(
         target_db=whole.target_db,
@@ -150,9 +160,16 @@ def problem_of(task: SceneTask) -> Problem:
         quantiser=task.quantiser if has_irs and task.phase_bits is not None else None,
         array_model=task.array_model if has_irs else None,
         constraint=task.constraint,
+        cost=task.cost if has_budget else None,
+        budget=task.budget,
+        on_exhausted=task.on_exhausted if has_budget else None,
         start=task.start,
         goal=task.goal,
     )
+
+
+def _in_words(budget: Budget) -> str:
+    return " to ".join(f"{each:g}" for each in dict.fromkeys(range_of(budget)))
 
 
 def _scene_name(scene: Scene) -> str:

@@ -461,7 +461,7 @@ def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
     if radio_map is not None:
         copy = radio_map if isinstance(radio_map, RadioMap) else RadioMap.load(radio_map)
-        copy.save(folder / COPIES["radio_map"])
+        copy.save(folder / COPIES["radio_map"], fading=True)
         arguments["radio_map"] = COPIES["radio_map"]
 
     codebook = arguments.get("codebook")

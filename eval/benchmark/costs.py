@@ -1,11 +1,12 @@
-"""Costs of what happens once in a while: a reset, a frame, an import; each a list of repeated
-measurements.
+"""Costs of what happens once in a while: a reset, a frame, a front, an import; each a list of
+repeated measurements.
 """
 
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from time import perf_counter
@@ -17,12 +18,14 @@ import numpy as np
 
 from eval.benchmark.benchmark_envs import ID
 from eval.benchmark.timing import Spread
+from irs_gym import budget_to_go, build_radio_map, cost_map, pareto_front
 from irs_gym.grid import Cell
 from irs_gym.mdp.dynamics import tabulate
 from irs_gym.oracle import shortest_path
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 20  # of an episode
+CELL_SIZES = (0.5, 0.05)  # of the maps of fronts, in metres
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,44 @@ def frames(repeats: int) -> list[EventCost]:
     return [
         EventCost("first frame of an episode", Spread.of(firsts)),
         EventCost("each frame after it", Spread.of(laters)),
+    ]
+
+
+def fronts(repeats: int) -> list[EventCost]:
+    """Pareto fronts of the paper's scene at -60 dB, on its grid and on one of 100 times as many
+    cells; and distances of 1,024 robots with budgets.
+    """
+    found = []
+
+    for cell_size, times in zip(CELL_SIZES, (repeats, 1), strict=False):
+        radio_map = build_radio_map("paper", cell_size)
+        grid = radio_map.grid
+        ends = (grid.cell_of((-10.0, 0.0)), grid.cell_of((10.0, 0.0)))
+
+        costs = {
+            "violations": cost_map(radio_map, -60.0, "violation"),
+            "deficits": cost_map(radio_map, -60.0, "deficit"),
+        }
+        for name, cost in costs.items():
+            seconds = [
+                _seconds(partial(pareto_front, cost, *ends, cell_size)) for _ in range(times)
+            ]
+            found.append(EventCost(f"front of {name}, {cost.size:,} cells", Spread.of(seconds)))
+
+    return found + _budgets(repeats)
+
+
+def _budgets(repeats: int) -> list[EventCost]:
+    cost = cost_map(build_radio_map("paper"), -60.0, "violation")
+    solve = partial(budget_to_go, cost, (39, 20), 0.5, most=26)
+    rng = np.random.default_rng(0)
+    look_up = partial(solve().distance, rng.integers(0, cost.size, 1024), rng.integers(0, 27, 1024))
+
+    return [
+        EventCost(
+            "fronts of all 1,600 cells", Spread.of([_seconds(solve) for _ in range(repeats)])
+        ),
+        EventCost("1,024 looked up", Spread.of([_seconds(look_up) for _ in range(repeats)])),
     ]
 
 

@@ -379,7 +379,7 @@ def spread_cells(free: NDArray[np.bool_], start: Cell, count: int) -> NDArray[np
     Examples
     --------
     >>> spread_cells(np.ones((3, 5), dtype=bool), (0, 0), 3).tolist()
-    [[0, 0], [2, 4], [2, 0]]
+    [[0, 0], [2, 4], [0, 3]]
     """
     cells = cells_at(np.flatnonzero(free), free.shape)  # (n, 2)
     if count > len(cells):

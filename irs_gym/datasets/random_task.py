@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
 from irs_gym.datasets.splits import split_of
+from irs_gym.datasets.start_fronts import StartFronts
 from irs_gym.grid import Grid
-from irs_gym.mdp.dynamics import check_bonus, potential
+from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget, payable
+from irs_gym.mdp.cost import CostKind, cell_costs
+from irs_gym.mdp.dynamics import check_task, potential
 from irs_gym.mdp.task import (
     Constraint,
     Observation,
@@ -22,6 +26,7 @@ from irs_gym.mdp.task import (
     checked_fields,
     is_integer,
 )
+from irs_gym.memory import frozen
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene, load_scenes
 
@@ -53,8 +58,19 @@ class RandomTask:
     patch_radius: int = Task.patch_radius
     """Cells that the robot sees around itself in each direction."""
     constraint: Constraint = Task.constraint
-    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed
-    at a cost.
+    """What happens at a cell below the target: the move is refused, ends the episode, is allowed
+    at a cost, or is paid for out of a budget.
+    """
+    cost: CostKind = Task.cost
+    """What a cell costs under a budget; see `irs_gym.cost_map`."""
+    budget: Budget | None = Task.budget
+    """Total cost that an episode may come to, or a range (low, high) that each is drawn from.
+
+    Needed with ``constraint="budget"``, and refused with any other.
+    """
+    on_exhausted: OnExhausted = Task.on_exhausted
+    """What happens where a robot has spent more than its budget: the episode ends as a failure, or
+    continues, and the cost is only counted.
     """
     random_start: float = Task.random_start
     """Probability of a start drawn among the cells from which the goal can be reached; True is 1.
@@ -65,6 +81,7 @@ class RandomTask:
     """Reward at the goal, in metres."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "budget", checked_budget(self.budget))
         _ = self.rules  # checks the fields that are the robot's
         size = split_of(self.split).size
         if not is_integer(self.num_scenes) or not 1 <= self.num_scenes <= size:
@@ -108,6 +125,9 @@ class RandomTaskArguments(TypedDict, total=False):
     observation: Observation
     patch_radius: int
     constraint: Constraint
+    cost: CostKind
+    budget: Budget | None
+    on_exhausted: OnExhausted
     random_start: float
     shaping: bool
     goal_bonus: float
@@ -139,6 +159,21 @@ class Worlds:
 
     def __len__(self) -> int:
         return len(self.pool)
+
+    @cached_property
+    def cost(self) -> NDArray[np.float64]:
+        """What each cell of each scene costs under a budget, ``(S, X, Y)``; inf in obstacles."""
+        pool = self.pool
+        target_db = pool.target_db[:, None, None]
+        fading = pool.fading if self.task.cost == "outage" else None
+        costs = cell_costs(pool.gain_db, pool.free, target_db, self.task.cost, fading)
+
+        return frozen(payable(costs))
+
+    @cached_property
+    def start_fronts(self) -> StartFronts:
+        """What the scenes' own starts have to pay under a budget, for which distance."""
+        return StartFronts(len(self), self.world)
 
     def world(self, number: int) -> World:
         """World of one scene, on a map as large as the pool's frame."""
@@ -215,17 +250,30 @@ def _build_worlds(task: RandomTask) -> Worlds:
     else:
         pool = scene_set_of(_read_scenes(task.scenes))
 
-    # Where giving up pays in none of the scenes, it does not in the one of the longest detour.
+    worlds = Worlds(task, pool)
+    for number in _hardest(worlds):
+        try:
+            check_task(worlds.world(number))
+        except ValueError as error:
+            raise ValueError(f"scene {pool.names[number]!r}: {error}") from None
+
+    return worlds
+
+
+def _hardest(worlds: Worlds) -> list[int]:
+    """Numbers of the scenes that have to be checked: where they are in order, all are.
+
+    Where giving up pays in none of the scenes, it does not in the one of the longest detour. At its
+    own target, each has a path of no violation and no deficit; of outage, each has its own least.
+    """
+    if worlds.task.budget is not None and worlds.task.cost == "outage":
+        return list(range(len(worlds)))
+
+    pool = worlds.pool
     offsets = pool.start - pool.goal  # (S, 2) cells
-    detour = pool.oracle_distance + potential(task.rules, offsets, pool.cell_size)  # (S,)
-    worst = int(np.argmax(detour))
+    detour = pool.oracle_distance + potential(worlds.task.rules, offsets, pool.cell_size)  # (S,)
 
-    try:
-        check_bonus(task.rules, float(pool.oracle_distance[worst]), offsets[worst], pool.cell_size)
-    except ValueError as error:
-        raise ValueError(f"scene {pool.names[worst]!r}: {error}") from None
-
-    return Worlds(task, pool)
+    return [int(np.argmax(detour))]
 
 
 @lru_cache(maxsize=16)
@@ -248,4 +296,5 @@ def _world(worlds: Worlds, number: int) -> World:
         irs=np.broadcast_to(pool.irs[number], (*pool.shape, 3)),
         source=(_world, (worlds, number)),
         to_go=pool.distance_to_go[number],
+        cost=None if worlds.task.budget is None else worlds.cost[number],
     )

@@ -17,6 +17,8 @@ from irs_gym.datasets.solved_scene import SolvedScene, solve
 from irs_gym.datasets.splits import check_frozen, split_of
 from irs_gym.grid import as_cell
 from irs_gym.memory import check_memory, freeze, frozen
+from irs_gym.radio.fading import RicianFading
+from irs_gym.radio.radio_map import build_radio_map
 from irs_gym.radio.scene import Scene
 
 # For each cell of each scene, at the most: maps, rules, and shards before they are joined.
@@ -80,6 +82,28 @@ class SceneSet:
     def feasible(self) -> NDArray[np.bool_]:
         """Free cells at or above their scene's target, shape ``(S, X, Y)``."""
         return frozen(self.free & (self.gain_db >= self.target_db[:, None, None]))
+
+    @cached_property
+    def fading(self) -> RicianFading:
+        """How the gains of all cells fade, of arrays ``(S, X, Y)``; made anew of the scenes, about
+        a minute for 10,000.
+
+        Raises ``ValueError`` where the scenes are not there.
+        """
+        if len(self.scenes) != len(self):
+            raise ValueError(f"{len(self)} maps without their scenes tell no fading")
+
+        los_gain = np.zeros(self.gain_db.shape)
+        scattered_gain = np.zeros(self.gain_db.shape)
+
+        for n, scene in enumerate(self.scenes):
+            radio_map = build_radio_map(scene, self.cell_size)
+            own: Any = radio_map.fading  # of a scene, it is Rician
+            columns, rows = radio_map.grid.shape
+            los_gain[n, :columns, :rows] = own.los_gain
+            scattered_gain[n, :columns, :rows] = own.scattered_gain
+
+        return RicianFading(los_gain, scattered_gain)
 
     @cached_property
     def oracle_distance(self) -> NDArray[np.float64]:

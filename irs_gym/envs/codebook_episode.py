@@ -121,6 +121,8 @@ class CodebookEpisode:
             goal=self._flat(self.ends.goal),
             cell=self._state,
             distance=self._distance,
+            budget=0.0,
+            spent=0.0,
             refused=self._refused,
             has_violated=self._has_violated,
             is_running=self.is_running,

@@ -257,7 +257,7 @@ class IrsNavCodebookEnv(gymnasium.Env[Any, int]):
         return self._episode.optimal_q(gamma)
 
     def get_state(self) -> bytes:
-        """Where the episode stands, as 54 bytes for `set_state`; see `IrsNavEnv.get_state`."""
+        """Where the episode stands, as 70 bytes for `set_state`; see `IrsNavEnv.get_state`."""
         return self._episode.snapshot().to_bytes()
 
     def set_state(self, state: bytes) -> None:

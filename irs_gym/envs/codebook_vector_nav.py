@@ -249,6 +249,7 @@ class _EpisodeSampler:
         self.transition_model: CodebookModel = model_of(own_rules(maps))
         self.packing = self.transition_model.packing
         self.is_random = is_many or bool(maps.rules.random_start)
+        self.rules = maps.rules
         self.is_violable = maps.rules.constraint == "allow"
         self.map_shape = maps.shape
         self.info_values = codebook_values(has_many_scenes=is_many)
@@ -256,7 +257,12 @@ class _EpisodeSampler:
         self.ends: list[Ends] = [first] * num_envs
 
     def begin(
-        self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
+        self,
+        states: States,
+        chosen: NDArray[np.int64],
+        options: dict[str, Any] | None,
+        rng: RngOf,
+        budgets: NDArray[np.float64] | None = None,
     ) -> States:
         given = checked_options(options, *(OPTIONS if self.is_many else OPTIONS[:1]))
         scene_ids = given.pop("scene_id", None)

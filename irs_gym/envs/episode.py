@@ -9,45 +9,67 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell, as_cell
 from irs_gym.mdp.action_values import optimal_q
+from irs_gym.mdp.budget import amount_left, choose_budget, scaled_amount
 from irs_gym.mdp.checks import checked_action
-from irs_gym.mdp.dynamics import ACTIONS, Transition, choose_start, tables_for, transition_table
+from irs_gym.mdp.dynamics import (
+    ACTIONS,
+    Transition,
+    choose_start,
+    metres_to_go,
+    optimal_moves_within,
+    oracle_path,
+    paid_at_start,
+    tables_for,
+    transition_table,
+)
 from irs_gym.mdp.metrics import spl
 from irs_gym.mdp.observation import build_observer
 from irs_gym.mdp.path_history import cells_of
 from irs_gym.mdp.snapshot import Snapshot
-from irs_gym.mdp.task import World
-from irs_gym.oracle.shortest_path import Path, descend, flat_cell, optimal_moves
+from irs_gym.mdp.task import Rules, World
+from irs_gym.oracle.shortest_path import Path, flat_cell, optimal_moves
 from irs_gym.rendering.episode_view import RENDERERS, view_of
-from irs_gym.vector.infos import KEYS
+from irs_gym.vector.infos import BUDGET_VALUES, KEYS
 
 
 class Episode:
     """What has become of a robot since its reset, over the tables of its world."""
 
-    def __init__(self, world: World, start: Cell, goal: Cell, keys: Sequence[str] = KEYS) -> None:
+    def __init__(
+        self,
+        world: World,
+        start: Cell,
+        goal: Cell,
+        keys: Sequence[str] = KEYS,
+        budget: float | None = None,
+    ) -> None:
         """Begin at the start; a ``ValueError`` says why there can be no such episode (see
         `tables_for`).
 
-        ``keys``: those of the infos.
+        ``keys``: those of the infos. ``budget``: the total cost that the episode may come to, where
+        the rules hold one.
         """
         self.world = world
         self.start = start
         self.goal = goal
-        self.tables = tables_for(world, start, goal)
+        self.tables = tables_for(world, start, goal, budget)
         self.observer = build_observer(world, goal)
         self.is_running = True
-        self._unwanted = [key for key in KEYS if key not in keys]  # of the infos
+        known = KEYS if budget is None else (*KEYS, *BUDGET_VALUES)
+        self._unwanted = [key for key in known if key not in keys]  # of the infos
         self._cell = world.radio_map.grid.flat(start)
         self._cells = [self._cell]  # flat indices
-        self._oracle_distance = float(self.tables.distance_to_go[start])
+        self._budget = budget
+        self._spent = float(paid_at_start(world, self._cell))
+        self._oracle_distance = self.distance_to_go
         self._distance = 0.0
         self._refused = 0
         self._has_violated = False
 
     @property
     def oracle(self) -> Path:
-        """The shortest feasible path from start to goal."""
-        return descend(self.tables.distance_to_go, self.start, self.world.radio_map.grid.cell_size)
+        """The shortest path from start to goal that the rules allow."""
+        return oracle_path(self.world, self.start, self.goal, self._budget)
 
     @property
     def path(self) -> list[Cell]:
@@ -56,8 +78,15 @@ class Episode:
 
     @property
     def distance_to_go(self) -> float:
-        """Metres of the shortest feasible path from here to the goal; inf where there is none."""
-        return float(self.tables.distance_to_go.flat[self._cell])
+        """Metres of the shortest way from here to the goal that the rules allow; inf where there is
+        none.
+        """
+        return float(metres_to_go(self.world, self.goal, self._cell, self._left))
+
+    @property
+    def _left(self) -> float | None:
+        """What is left of the budget; None without one."""
+        return None if self._budget is None else float(amount_left(self._budget, self._spent))
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``."""
@@ -68,7 +97,10 @@ class Episode:
         i, j = (
             self.world.radio_map.grid.cell_at(self._cell) if cell is None else as_cell(cell, "cell")
         )
-        flat_cell(self.world.feasible, (i, j), "cell")
+        flat = flat_cell(self.world.feasible, (i, j), "cell")
+        if self._left is not None:
+            return optimal_moves_within(self.world, self.goal, flat, self._left)
+
         is_optimal = optimal_moves(
             self.tables.distance_to_go[None], self.world.radio_map.grid.cell_size
         )
@@ -92,6 +124,8 @@ class Episode:
             goal=flat_cell(self.world.feasible, self.goal, "goal"),
             cell=self._cell,
             distance=self._distance,
+            budget=self._budget or 0.0,
+            spent=self._spent,
             refused=self._refused,
             has_violated=self._has_violated,
             is_running=self.is_running,
@@ -99,7 +133,7 @@ class Episode:
 
     def opening(self) -> tuple[Any, dict[str, Any]]:
         """What a reset returns: the first observation and its info."""
-        return self.observer.observe(self._cell), self._info()
+        return self._observe(), self._info(cost=self._spent)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move once; returns what an environment's step does."""
@@ -115,11 +149,37 @@ class Episode:
         self._cell = next_cell
         self._distance += moved
         self._refused += is_refused
-        self._has_violated = self._has_violated or cost > 0
+        if self._budget is None:
+            self._has_violated = self._has_violated or cost > 0
+        else:
+            reward, is_terminated = self._pay(cost, reward, is_terminated, is_at_goal)
+
         self.is_running = not is_terminated
         info = self._info(is_refused, cost, is_at_goal and not self._has_violated)
 
-        return self.observer.observe(next_cell), reward, is_terminated, False, info
+        return self._observe(), reward, is_terminated, False, info
+
+    def _pay(
+        self, cost: float, reward: float, is_terminated: bool, is_at_goal: bool
+    ) -> tuple[float, bool]:
+        """Take a cost out of the budget; the reward of the move, and whether the episode ends.
+
+        Where the budget is exhausted, it may end, and then it is a failure, at the goal as well.
+        """
+        rules = self.world.rules
+        self._spent += cost
+        self._has_violated = self._left is not None and self._left < 0
+        if not self._has_violated or rules.on_exhausted == "continue":
+            return reward, is_terminated
+
+        return reward - rules.goal_bonus * is_at_goal, True
+
+    def _observe(self) -> Any:
+        observation = self.observer.observe(self._cell)
+        if self._left is not None:
+            self.observer.packing.set_budget(observation, scaled_amount(self._left))
+
+        return observation
 
     def render(self, mode: str | None) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path;
@@ -128,7 +188,9 @@ class Episode:
         return (
             None
             if mode is None
-            else RENDERERS[mode](view_of(self.world, self.start, self.goal), self.path)
+            else RENDERERS[mode](
+                view_of(self.world, self.start, self.goal, self._budget), self.path
+            )
         )
 
     def _info(
@@ -148,20 +210,42 @@ class Episode:
             "spl": float(spl(True, self._oracle_distance, self._distance)) if is_success else 0.0,
             "oracle_distance": self._oracle_distance,
         }
+        if self._left is not None:
+            info["distance_to_go"] = self.distance_to_go
+            info["budget_left"] = self._left
+
         for key in self._unwanted:
             del info[key]
 
         return info
 
 
+def option_names(rules: Rules) -> tuple[str, ...]:
+    """Options of `reset` that the rules add to start and goal."""
+    return () if rules.budget is None else ("budget",)
+
+
+def episode_budget(rules: Rules, asked: Any, rng: np.random.Generator) -> float | None:
+    """The budget of an episode; None where the rules hold none."""
+    if rules.budget is None:
+        return None
+    return choose_budget(rules.budget, asked, rng if isinstance(rules.budget, tuple) else None)
+
+
 def begin(
-    world: World, ends: dict[str, Cell], rng: np.random.Generator, keys: Sequence[str]
+    world: World,
+    ends: dict[str, Cell],
+    rng: np.random.Generator,
+    keys: Sequence[str],
+    budget: float | None = None,
 ) -> Episode:
     """Episode between the ends given as ``start`` and ``goal``; the world's own goal, and a start
     as its task says.
     """
     goal = ends.get("goal", world.goal)
-    return Episode(world, ends.get("start") or choose_start(world, goal, rng), goal, keys)
+    start = ends.get("start") or choose_start(world, goal, rng, budget)
+
+    return Episode(world, start, goal, keys, budget)
 
 
 def resume(
@@ -180,7 +264,10 @@ def resume(
     if not (snapshot.cell < world.feasible.size and world.radio_map.free.flat[snapshot.cell]):
         raise ValueError("state tells a cell that a robot cannot be in")
 
-    episode = Episode(world, grid.cell_at(snapshot.start), grid.cell_at(snapshot.goal), keys)
+    ends = grid.cell_at(snapshot.start), grid.cell_at(snapshot.goal)
+    budget = None if world.cost is None else snapshot.budget
+    episode = Episode(world, *ends, keys, budget)
+    episode._spent = snapshot.spent
     episode._cell = snapshot.cell
     episode._cells = [grid.flat(cell) for cell in path] or [snapshot.cell]
     episode._distance = snapshot.distance

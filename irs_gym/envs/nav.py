@@ -10,7 +10,7 @@ from gymnasium import spaces
 from gymnasium.wrappers import HumanRendering, RenderCollection
 from numpy.typing import NDArray
 
-from irs_gym.envs.episode import Episode, begin, resume
+from irs_gym.envs.episode import Episode, begin, episode_budget, option_names, resume
 from irs_gym.grid import Cell
 from irs_gym.mdp.checks import (
     METADATA,
@@ -24,7 +24,7 @@ from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import Task, TaskArguments, World, build_world, shows_fields, task_of
 from irs_gym.oracle.shortest_path import Path
 from irs_gym.rendering.modes import with_render_mode
-from irs_gym.vector.infos import Infos, checked_keys
+from irs_gym.vector.infos import Infos, budget_keys, checked_keys
 
 
 class IrsNavEnv(gymnasium.Env[Any, int]):
@@ -56,6 +56,9 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     image (4, X, Y), channels first: margin, obstacle, robot, goal. ``observation="cell"`` is
     ``Discrete(X * Y)``: the robot's cell (i, j) in the room as i * Y + j, for tables.
 
+    ``constraint="budget"`` adds what is left of the budget, as left / (1 + abs(left)): the key
+    ``budget`` (1,) of the Dict, the first number of the Box, a fifth channel of the image.
+
     ## Rewards
     Minus the metres of the move, plus the decrease of the octile distance to the goal (the
     potential-based shaping Phi' - Phi), plus ``goal_bonus`` at the goal. The oracle's path has the
@@ -82,6 +85,19 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     Cells below the target: ``"refuse"`` treats them likewise; ``"allow"`` lets the robot in, with
     ``info["cost"]`` 1.0 there, and the episode is no success.
 
+    ## Budget
+    ``constraint="budget"`` lets the robot in as well, and every cell has its price, that of
+    `irs_gym.cost_map` for ``cost="violation"``, ``"deficit"`` or ``"outage"``. It is paid at the
+    start and with every step, for the cell that the robot is then in, refused moves included:
+    ``info["cost"]``, out of ``budget``, of which ``info["budget_left"]`` is left. Where more is
+    spent than there is, the episode terminates as a failure, without the goal's bonus; under
+    ``on_exhausted="continue"`` it goes on, rewards stay what they are, and a success is to reach
+    the goal within the budget. A budget of ``(low, high)`` is drawn anew at each reset;
+    ``reset(options={"budget": b})`` sets it for one episode, up to the largest of the task. The
+    oracle, its distance, SPL and ratio are those of the shortest path within the budget, exact for
+    each start and budget; starts are drawn among the cells that have such a path. Costs are charged
+    in multiples of 2**-36, so that sums are exact, and a budget may be overdrawn by 1e-9.
+
     ## Info
     The same keys at the reset and at every step, as plain numbers and arrays:
 
@@ -92,7 +108,8 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     - ``action_mask`` (8,): int8, 1 where a move is not refused;
     - ``cost``: 1.0 where the target is missed; ``is_success``: at the goal, without having missed
       the target;
-    - ``spl``: success weighted by path length, 0 until there is success.
+    - ``spl``: success weighted by path length, 0 until there is success;
+    - ``budget_left``: under a budget alone, what is left of it.
 
     ``infos`` may be a list of the keys that are wanted.
 
@@ -126,12 +143,13 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         **arguments: Unpack[TaskArguments],
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        self._keys = checked_keys(infos)
         self.world: World = build_world(task_of(arguments, type(self).__name__))
+        self._keys = checked_keys(infos, budget_keys(self.world.rules))
         check_task(self.world)
 
         # Before a reset there are spaces, a map and an oracle already, but no step.
-        self._episode = Episode(self.world, self.world.start, self.world.goal, self._keys)
+        ends = self.world.start, self.world.goal
+        self._episode = Episode(self.world, *ends, self._keys, self.world.rules.least_budget)
         self._episode.is_running = False
         self.observation_space = self._episode.observer.packing.space
         self.action_space: spaces.Discrete = spaces.Discrete(ACTIONS)  # type: ignore[assignment]
@@ -232,12 +250,12 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
         return self._episode.optimal_q(gamma)
 
     def get_state(self) -> bytes:
-        """Where the episode stands, as 42 bytes for `set_state`: for tree search, which takes moves
+        """Where the episode stands, as 58 bytes for `set_state`: for tree search, which takes moves
         back.
 
-        Scene, start, goal, cell, metres, refusals and whether the target was missed are in it. The
-        path so far is not, nor the randomness of resets, nor the count of
-        `gymnasium.wrappers.TimeLimit`, which is not this environment's.
+        Scene, start, goal, cell, metres, refusals, budget, what was spent of it, and whether the
+        target was missed are in it. The path so far is not, nor the randomness of resets, nor the
+        count of `gymnasium.wrappers.TimeLimit`, which is not this environment's.
         """
         return self._episode.snapshot().to_bytes()
 
@@ -262,9 +280,15 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; ``options`` may hold ``start`` and ``goal``, cells (i, j)."""
+        """Start an episode; ``options`` may hold ``start`` and ``goal``, cells (i, j), and under a
+        budget ``budget``.
+        """
         super().reset(seed=checked_seed(seed))
-        self._episode = begin(self.world, checked_options(options), self.np_random, self._keys)
+        rules = self.world.rules
+        given = checked_options(options, *option_names(rules))
+        budget = episode_budget(rules, given.pop("budget", None), self.np_random)
+        self._episode = begin(self.world, given, self.np_random, self._keys, budget)
+
         return self._episode.opening()
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:

@@ -17,7 +17,7 @@ from irs_gym.datasets.random_task import (
     build_worlds,
     random_task_of,
 )
-from irs_gym.envs.episode import Episode, begin, resume
+from irs_gym.envs.episode import Episode, begin, episode_budget, option_names, resume
 from irs_gym.grid import Cell
 from irs_gym.mdp.checks import (
     METADATA,
@@ -31,7 +31,7 @@ from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World, shows_fields
 from irs_gym.oracle.shortest_path import Path
 from irs_gym.rendering.modes import with_render_mode
-from irs_gym.vector.infos import SCENE_KEYS, Infos, checked_keys
+from irs_gym.vector.infos import SCENE_KEYS, Infos, budget_keys, checked_keys
 
 
 class IrsNavRandomEnv(gymnasium.Env[Any, int]):
@@ -60,7 +60,8 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
     `gymnasium.spaces.flatten`. ``observation="masked"`` is a Dict of that Box as ``observation``
     and of ``action_mask`` (8,), int8, 1 where an action is not refused. ``observation="map"`` is an
     image (4, X, Y), channels first: margin, obstacle, robot, goal. ``observation="cell"`` is
-    ``Discrete(X * Y)``: the robot's cell (i, j) in the frame as i * Y + j, for tables.
+    ``Discrete(X * Y)``: the robot's cell (i, j) in the frame as i * Y + j, for tables. Under a
+    budget, what is left of it is added as in `IrsNavEnv`.
 
     ## Rewards
     As in `IrsNavEnv`: minus the metres of the move, plus the decrease of the octile distance to the
@@ -104,14 +105,16 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         **arguments: Unpack[RandomTaskArguments],
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        self._keys = checked_keys(infos, SCENE_KEYS)
-        self._episode_keys = [key for key in self._keys if key not in SCENE_KEYS]
         self.worlds: Worlds = build_worlds(random_task_of(arguments, type(self).__name__))
+        rules = self.worlds.task.rules
+        self._keys = checked_keys(infos, (*SCENE_KEYS, *budget_keys(rules)))
+        self._episode_keys = [key for key in self._keys if key not in SCENE_KEYS]
         self._number = 0  # of the episode's scene
 
         # Before a reset there are spaces, a map and an oracle already, but no step.
         first = self.worlds.world(0)
-        self._episode = Episode(first, first.start, first.goal, self._episode_keys)
+        ends = first.start, first.goal
+        self._episode = Episode(first, *ends, self._episode_keys, rules.least_budget)
         self._episode.is_running = False
         self.observation_space = self._episode.observer.packing.space
         self.action_space: spaces.Discrete = spaces.Discrete(ACTIONS)  # type: ignore[assignment]
@@ -173,7 +176,7 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         return self._episode.optimal_q(gamma)
 
     def get_state(self) -> bytes:
-        """Where the episode stands, as 42 bytes for `set_state`; see `IrsNavEnv.get_state`."""
+        """Where the episode stands, as 58 bytes for `set_state`; see `IrsNavEnv.get_state`."""
         return self._episode.snapshot(self._number).to_bytes()
 
     def set_state(self, state: bytes) -> None:
@@ -195,12 +198,15 @@ class IrsNavRandomEnv(gymnasium.Env[Any, int]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in another scene; ``options`` may hold ``scene_id``, ``start`` and
-        ``goal``.
+        ``goal``, and under a budget ``budget``.
         """
         super().reset(seed=checked_seed(seed))
-        given = checked_options(options, "scene_id")
+        rules = self.worlds.task.rules
+        given = checked_options(options, "scene_id", *option_names(rules))
+        budget = episode_budget(rules, given.pop("budget", None), self.np_random)
         number = self.worlds.choose(given.pop("scene_id", None), self.np_random)
-        self._episode = begin(self.worlds.world(number), given, self.np_random, self._episode_keys)
+        world = self.worlds.world(number)
+        self._episode = begin(world, given, self.np_random, self._episode_keys, budget)
         self._number = number
         observation, info = self._episode.opening()
 

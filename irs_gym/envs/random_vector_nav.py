@@ -20,6 +20,7 @@ from irs_gym.datasets.random_task import (
 from irs_gym.envs.random_nav import IrsNavRandomEnv
 from irs_gym.grid import Cell, cells_at
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
+from irs_gym.mdp.budget import is_below
 from irs_gym.mdp.checks import (
     METADATA,
     PlainSpec,
@@ -35,6 +36,7 @@ from irs_gym.mdp.dynamics import (
     draw_start,
     draws_start,
     start_cells,
+    starts_of,
     tables_for,
 )
 from irs_gym.mdp.task import World, shows_fields
@@ -193,10 +195,16 @@ class _EpisodeSampler:
         self.transition_model = build_many_scenes(worlds)
         self.packing = self.transition_model.packing
         self.is_violable = worlds.task.constraint == "allow"
+        self.rules = worlds.task.rules
         self.map_shape = self.transition_model.shape
 
     def begin(
-        self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
+        self,
+        states: States,
+        chosen: NDArray[np.int64],
+        options: dict[str, Any] | None,
+        rng: RngOf,
+        budgets: NDArray[np.float64] | None = None,
     ) -> States:
         given = checked_options(options, "scene_id")
         scene_ids = given.pop("scene_id", None)
@@ -213,10 +221,11 @@ class _EpisodeSampler:
             self.worlds.choose(scene_ids[i], each)
             for i, each in zip(chosen.tolist(), rngs, strict=True)
         ]
-        if given:
-            starts, goals = self._given_ends(numbers, given, rngs)
+        amounts = [None] * len(numbers) if budgets is None else budgets[chosen].tolist()
+        if given or is_below(amounts, self.rules.least_budget):
+            starts, goals = self._given_ends(numbers, given, rngs, amounts)
         else:
-            starts, goals = self._own_ends(numbers, rngs)
+            starts, goals = self._own_ends(numbers, rngs, amounts)
 
         states = states.copy()
         states[chosen] = self.transition_model.code.encode(np.array(numbers), starts, goals)
@@ -230,16 +239,20 @@ class _EpisodeSampler:
         return self.transition_model.scene_and_goal(states, i)
 
     def _given_ends(
-        self, numbers: list[int], given: dict[str, Cell], rngs: list[np.random.Generator]
+        self,
+        numbers: list[int],
+        given: dict[str, Cell],
+        rngs: list[np.random.Generator],
+        budgets: Sequence[float | None],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Starts and goals ``(n, 2)`` where the options say one of them."""
+        """Starts and goals ``(n, 2)`` where the options say one of them, or budgets bound them."""
         ends = []
 
-        for number, rng in zip(numbers, rngs, strict=True):
+        for number, rng, budget in zip(numbers, rngs, budgets, strict=True):
             world = self.worlds.world(number)
             goal = given.get("goal", world.goal)
-            start = given.get("start") or choose_start(world, goal, rng)
-            tables_for(world, start, goal)
+            start = given.get("start") or choose_start(world, goal, rng, budget)
+            tables_for(world, start, goal, budget)
             ends.append((start, goal))
 
         starts, goals = np.array(ends).transpose(1, 0, 2)
@@ -247,7 +260,10 @@ class _EpisodeSampler:
         return starts, goals
 
     def _own_ends(
-        self, numbers: list[int], rngs: list[np.random.Generator]
+        self,
+        numbers: list[int],
+        rngs: list[np.random.Generator],
+        budgets: Sequence[float | None],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """The scenes' own starts, some of them drawn, and goals, ``(n, 2)``; such episodes are
         known to be feasible.
@@ -259,7 +275,12 @@ class _EpisodeSampler:
 
         for n, rng in enumerate(rngs if rules.random_start else ()):
             if draws_start(rules, rng):
-                cells = start_cells(pool.distance_to_go[numbers[n]], tuple(goals[n].tolist()))
+                goal = tuple(goals[n].tolist())
+                cells = (
+                    start_cells(pool.distance_to_go[numbers[n]], goal)
+                    if budgets[n] is None
+                    else starts_of(self.worlds.world(numbers[n]), goal, budgets[n])
+                )
                 starts[n] = cells_at(np.array(draw_start(cells, rng)), pool.shape)
 
         return starts, goals

@@ -11,8 +11,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from irs_gym.envs.nav import IrsNavEnv
-from irs_gym.grid import Cell, flat_cells
+from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
+from irs_gym.mdp.budget import is_below
 from irs_gym.mdp.checks import (
     METADATA,
     PlainSpec,
@@ -206,15 +207,21 @@ class _EpisodeSampler:
         self.packing = build_observer(world, world.goal).packing
         self.is_random = bool(world.rules.random_start)
         self.is_violable = world.rules.constraint == "allow"
+        self.rules = world.rules
         self.map_shape = world.radio_map.grid.shape
         self._goals: list[Cell] = [world.goal] * num_envs
 
     def begin(
-        self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
+        self,
+        states: States,
+        chosen: NDArray[np.int64],
+        options: dict[str, Any] | None,
+        rng: RngOf,
+        budgets: NDArray[np.float64] | None = None,
     ) -> States:
         ends = checked_options(options)
         goal = ends.get("goal", self.world.goal)
-        cells = self._starts(chosen, ends.get("start"), goal, rng)
+        cells = self._starts(chosen, ends.get("start"), goal, rng, budgets)
 
         for i in chosen.tolist():
             self._goals[i] = goal
@@ -231,7 +238,12 @@ class _EpisodeSampler:
         return self.world, self._goals[i]
 
     def _starts(
-        self, chosen: NDArray[np.int64], start: Cell | None, goal: Cell, rng: RngOf
+        self,
+        chosen: NDArray[np.int64],
+        start: Cell | None,
+        goal: Cell,
+        rng: RngOf,
+        budgets: NDArray[np.float64] | None,
     ) -> NDArray[np.int64]:
         """Flat cells that the chosen robots start in: the given one, the world's, or one drawn for
         each.
@@ -239,16 +251,25 @@ class _EpisodeSampler:
         own = start or self.world.start
         grid = self.world.radio_map.grid
         fixed = grid.flat(own)
+        amounts = [None] * len(chosen) if budgets is None else budgets[chosen].tolist()
+
+        # The world's own ends were checked with its least budget, and cells are drawn among those
+        # that reach the goal; others are checked now.
+        is_checked = (own, goal) == (self.world.start, self.world.goal)
+        is_checked = is_checked and not is_below(amounts, self.rules.least_budget)
         if start is not None or not self.is_random:
-            tables_for(self.world, own, goal)
+            for amount in () if is_checked else set(amounts):
+                tables_for(self.world, own, goal, amount)
+
             return np.full(len(chosen), fixed)
 
-        starts = [choose_start(self.world, goal, rng(i)) for i in chosen.tolist()]
-        cells = flat_cells(np.array(starts), grid.shape)  # (n,)
-        if fixed in cells:  # the others are drawn among those that reach the goal
-            tables_for(self.world, own, goal)
+        cells = np.empty(len(chosen), dtype=np.int64)
+        for n, (i, amount) in enumerate(zip(chosen.tolist(), amounts, strict=True)):
+            cells[n] = grid.flat(choose_start(self.world, goal, rng(i), amount))
+            if cells[n] == fixed and not is_checked:
+                tables_for(self.world, own, goal, amount)
 
-        return np.asarray(cells)
+        return cells
 
     def _restacked(self, states: States, goal: Cell) -> States:
         """The states in a model of the goals in use, and no others."""

@@ -1,5 +1,6 @@
 """Checks of what users hand to an environment: actions, seeds, options, modes and sizes."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
@@ -52,7 +53,8 @@ def as_data(argument: Any) -> Any:
     [3, 'floor.npz']
     """
     if isinstance(argument, Codebook | RadioMap | Scene):
-        return argument.to_data()
+        known = {"fading": True} if isinstance(argument, RadioMap) else {}
+        return argument.to_data(**known)
     if isinstance(argument, Enum):  # an autoreset mode
         return argument.value
     if isinstance(argument, Path):
@@ -126,14 +128,14 @@ def checked_actions(actions: Any, count: int, of: int = ACTIONS) -> NDArray[np.i
 
 
 def checked_options(options: dict[str, Any] | None, *more: str) -> dict[str, Any]:
-    """The options of `reset`: ``start`` and ``goal``, checked to be cells, and ``more`` as they are
-    given.
+    """The options of `reset`: ``start`` and ``goal``, checked to be cells, and those of ``more`` as
+    they are given.
 
     A ``ValueError`` names an unknown key, or a value that is no cell.
     """
     unknown = sorted(set(options or {}) - {"start", "goal", *more})
     if unknown:
-        may_hold = "start and goal, cells (i, j)" + (f", and {' and '.join(more)}" if more else "")
+        may_hold = "start and goal, cells (i, j)" + "".join(f", and {each}" for each in more)
         raise ValueError(
             f"options has the unknown key {', '.join(unknown)}: it may hold {may_hold}"
         )
@@ -161,9 +163,12 @@ def check_num_envs(
 
 
 def checked_count(name: str, value: Any) -> int:
-    """A positive integer; a ``ValueError`` names what is none."""
+    """A positive integer of at most 64 bits; a ``ValueError`` names what is none."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{name}={value!r} must be a positive integer")
+    if value > sys.maxsize:
+        raise ValueError(f"{name} must be at most {sys.maxsize}")
+
     return int(value)
 
 

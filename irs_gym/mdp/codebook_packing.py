@@ -161,6 +161,10 @@ class CodebookPacking:
 
         return first
 
+    def set_budget(self, observation: Any, share: Any) -> None:
+        """There are no budgets to tell; see `irs_gym.mdp.packing.Packing.set_budget`."""
+        raise NotImplementedError("no budget is kept where the panel is switched")
+
     def decode(self, observation: Any) -> DecodedState:
         """The parts of one observation, or of a batch along leading axes.
 

@@ -9,15 +9,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, flat_cells, legal_moves, octile_distance
+from irs_gym.grid import (
+    MOVE_LENGTHS,
+    MOVES,
+    Cell,
+    flat_cells,
+    legal_moves,
+    octile_distance,
+)
+from irs_gym.mdp.budget import SLACK, range_of
 from irs_gym.mdp.task import Constraint, Rules, World
-from irs_gym.memory import freeze
-from irs_gym.oracle.shortest_path import distance_to_go, infeasible
+from irs_gym.memory import freeze, frozen
+from irs_gym.oracle.budget_to_go import BudgetToGo, budget_to_go, last_within
+from irs_gym.oracle.pareto_front import pareto_front
+from irs_gym.oracle.shortest_path import Path, descend, distance_to_go, infeasible
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 ACTIONS = len(MOVES)
+_ROUNDING = 1e-9  # metres
 
 
 class Transition(NamedTuple):
@@ -27,7 +38,7 @@ class Transition(NamedTuple):
     reward: Any  # metres
     moved: Any  # metres really travelled
     is_refused: Any
-    cost: Any  # 1.0 where the target is missed
+    cost: Any  # 1.0 where the target is missed; under a budget, that of the cell moved to
     is_terminated: Any
     is_at_goal: Any
 
@@ -52,8 +63,8 @@ def permissions(constraint: Constraint, free: Bools, feasible: Bools) -> tuple[B
     """Which actions are not refused, and which miss the target: both of shape ``(..., X, Y, 8)``.
 
     A move into a wall, an obstacle or (unless allowed) a cell below the target is refused. Under
-    ``"terminate"``, an attempt to enter a cell below the target misses it, under ``"allow"``
-    whatever leads to one or stays in one.
+    ``"terminate"``, an attempt to enter a cell below the target misses it, under ``"allow"`` and
+    ``"budget"`` whatever leads to one or stays in one.
 
     Parameters
     ----------
@@ -112,8 +123,9 @@ def next_cells(cells: Ints, actions: Ints, is_legal: Bools, shape: tuple[int, in
 
 
 def ends(rules: Rules, is_at_goal: Any, is_violation: Any) -> Any:
-    """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is
-    missed.
+    """Whether the episode ends: at the goal, and under ``"terminate"`` where the target is missed.
+
+    That a budget is exhausted depends on more than a cell and an action, and is told elsewhere.
     """
     return is_at_goal | is_violation if rules.constraint == "terminate" else is_at_goal
 
@@ -126,6 +138,7 @@ def transition(world: World, goal: Cell) -> Transition:
         world.feasible[None],
         np.array([goal]),
         world.radio_map.grid.cell_size,
+        cost=None if world.cost is None else world.cost[None],
     )
 
 
@@ -136,6 +149,7 @@ def transitions(
     goals: Ints,
     cell_size: float,
     precision: type[np.floating[Any]] = np.float64,
+    cost: NDArray[np.float64] | None = None,
 ) -> Transition:
     """The transition of every cell and action of S maps, arrays of shape ``(S * X * Y, 8)``.
 
@@ -153,6 +167,8 @@ def transitions(
         Edge of a cell in metres.
     precision
         That of the shaping potential.
+    cost
+        What each cell costs, shape ``(S, X, Y)``; by default 1 where the target is missed.
 
     Returns
     -------
@@ -180,7 +196,7 @@ def transitions(
         reward=reward(rules, length, phi[cells], phi[next_cell], is_at_goal),
         moved=np.where(is_legal, length, 0.0),
         is_refused=~is_legal,
-        cost=is_violation.astype(np.float64),
+        cost=is_violation.astype(np.float64) if cost is None else cost.ravel()[next_cell],
         is_terminated=ends(rules, is_at_goal, is_violation),
         is_at_goal=is_at_goal,
     )
@@ -279,18 +295,106 @@ def _records(**columns: NDArray[Any]) -> NDArray[np.void]:
     return records
 
 
-def choose_start(world: World, goal: Cell, rng: np.random.Generator) -> Cell:
+@lru_cache(maxsize=32)
+def budget_to_go_of(world: World, goal: Cell) -> BudgetToGo:
+    """Metres to go of a world with a budget, from every cell and for all that may be left of it;
+    kept, so the same goal costs nothing again.
+    """
+    assert world.cost is not None
+    assert world.rules.budget is not None
+    _, largest = range_of(world.rules.budget)
+
+    return budget_to_go(world.cost, goal, world.radio_map.grid.cell_size, largest + SLACK)
+
+
+def metres_to_go(
+    world: World, goal: Cell, cells: int | Ints, left: Any = None
+) -> NDArray[np.float64]:
+    """Metres of the shortest way to the goal that the rules allow; inf where there is none.
+
+    Parameters
+    ----------
+    cells
+        Flat, any shape.
+    left
+        What is left of the budget, where the rules hold one; same shape.
+    """
+    if left is None:
+        return np.asarray(tabulate(world, goal).distance_to_go.take(cells))
+
+    fronts = budget_to_go_of(world, goal)
+
+    point = last_within(fronts.offsets, fronts.costs, cells, np.asarray(left) + SLACK)
+
+    return np.where(point >= 0, fronts.distances.take(point, mode="clip"), np.inf)
+
+
+def oracle_path(world: World, start: Cell, goal: Cell, budget: float | None = None) -> Path:
+    """The shortest path that the rules allow, within the budget where there is one."""
+    if budget is None:
+        to_go = tabulate(world, goal).distance_to_go
+        return descend(to_go, start, world.radio_map.grid.cell_size)
+
+    left = budget - float(paid_at_start(world, world.radio_map.grid.flat(start)))
+    path = budget_to_go_of(world, goal).path(start, left + SLACK)
+    if path is None:
+        raise ValueError(f"budget={budget} cannot be kept from start={start} to goal={goal}")
+
+    return path
+
+
+def optimal_moves_within(world: World, goal: Cell, cell: int, left: float) -> Ints:
+    """Actions that begin a shortest way from a flat cell with what is left of the budget, in
+    ascending order; none at the goal and where it cannot be reached.
+    """
+    assert world.cost is not None
+    grid = world.radio_map.grid
+    is_legal = legal_moves(world.radio_map.free)[grid.cell_at(cell)]  # (8,)
+    actions = np.flatnonzero(is_legal) if cell != grid.flat(goal) else np.array([], dtype=np.int64)
+    ahead = cell + flat_cells(MOVES[actions], grid.shape)
+    then = metres_to_go(world, goal, ahead, left - world.cost.take(ahead))
+    length = then + MOVE_LENGTHS[actions] * grid.cell_size
+    best = metres_to_go(world, goal, cell, left)
+
+    # different lengths differ by far more than the rounding of their sums
+    return np.asarray(actions[np.isfinite(length) & (length <= best + _ROUNDING)])
+
+
+def paid_at_start(world: World, cells: int | Ints) -> NDArray[np.float64] | float:
+    """What a robot pays for the flat cells that it starts in; 0 without a budget."""
+    return 0.0 if world.cost is None else world.cost.take(cells)
+
+
+@lru_cache(maxsize=8)
+def starts_of(world: World, goal: Cell, budget: float | None) -> Ints:
+    """Flat cells that a random start is drawn from: the goal can be reached, within the budget
+    where there is one, and is not yet.
+    """
+    if budget is None:
+        return tabulate(world, goal).starts
+
+    cells = np.arange(world.feasible.size)
+    to_go = metres_to_go(world, goal, cells, budget - paid_at_start(world, cells))  # (X * Y,)
+
+    return frozen(start_cells(to_go.reshape(world.feasible.shape), goal))
+
+
+def choose_start(
+    world: World, goal: Cell, rng: np.random.Generator, budget: float | None = None
+) -> Cell:
     """The world's start; with the probability that its task says, one drawn among the cells that
-    lead to the goal.
+    lead to the goal, within the budget where there is one.
     """
     if not draws_start(world.rules, rng):
         return world.start
 
     check_cell(world, "goal", goal)
-    starts = tabulate(world, goal).starts
+    starts = starts_of(world, goal, budget)
     if not len(starts):
+        within = "" if budget is None else f" and budget={budget}"
         raise ValueError(
-            f"goal={goal} cannot be reached from any other cell at target_db={world.target_db}"
+            f"goal={goal} cannot be reached from any other cell at "
+            f"target_db={world.target_db}{within}"
         )
 
     return world.radio_map.grid.cell_at(draw_start(starts, rng))
@@ -315,25 +419,45 @@ def check_cell(world: World, name: str, cell: Cell) -> None:
         raise ValueError(f"{name}={cell} lies in an obstacle")
 
 
-def tables_for(world: World, start: Cell, goal: Cell) -> Tables:
+def tables_for(world: World, start: Cell, goal: Cell, budget: float | None = None) -> Tables:
     """Tables for an episode from start to goal, refused before any work where there can be none.
 
     Raises
     ------
     ValueError
         Where an end lies off the map or in an obstacle, the two are one, or no feasible path joins
-        them; the message then gives the highest feasible target.
+        them; the message then gives the highest feasible target. Or where none keeps the budget;
+        the message then gives the least cost.
     """
     check_cell(world, "start", start)
     check_cell(world, "goal", goal)
     if start == goal:
         raise ValueError(f"start={start} must differ from the goal")
 
+    if budget is not None:
+        _check_budget(world, start, goal, budget)
+        return tabulate(world, goal)
+
     tables = tabulate(world, goal)
     if not np.isfinite(tables.distance_to_go[start]):
         raise ValueError(infeasible(world.radio_map.gain_db, start, goal, world.target_db))
 
     return tables
+
+
+def _check_budget(world: World, start: Cell, goal: Cell, budget: float) -> None:
+    here = world.radio_map.grid.flat(start)
+    paid = paid_at_start(world, here)
+    if np.isfinite(metres_to_go(world, goal, here, budget - paid)):
+        return
+
+    # raises a `ValueError` where no path joins the two, whatever the budget
+    assert world.cost is not None
+    front = pareto_front(world.cost, start, goal, world.radio_map.grid.cell_size)
+    raise ValueError(
+        f"budget={budget} cannot be kept from start={start} to goal={goal}: "
+        f"the least {world.rules.cost} cost of a path is {front.costs[0]:.9g}"
+    )
 
 
 def check_task(world: World) -> None:
@@ -344,10 +468,15 @@ def check_task(world: World) -> None:
     ValueError
         As `tables_for` and `check_bonus`.
     """
-    to_go = tables_for(world, world.start, world.goal).distance_to_go
+    # the least budget is the hardest to keep, and leaves the longest way
+    budget = world.rules.least_budget
+    tables_for(world, world.start, world.goal, budget)
+    start = world.radio_map.grid.flat(world.start)
+    left = None if budget is None else budget - paid_at_start(world, start)
+
     check_bonus(
         world.rules,
-        float(to_go[world.start]),
+        float(metres_to_go(world, world.goal, start, left)),
         np.subtract(world.start, world.goal),
         world.radio_map.grid.cell_size,
     )
@@ -366,12 +495,19 @@ def check_bonus(rules: Rules, distance: float, offset: Ints, cell_size: float) -
     Raises
     ------
     ValueError
-        Where violations end the episode, and one at once returns more than the path.
+        Where violations, or an exhausted budget, end the episode, and to end it at once returns
+        more than the path.
     """
+    ways_out = {
+        "terminate": ("constraint='terminate'", "a violation"),
+        "budget": ("on_exhausted='terminate'", "an exhausted budget"),
+    }
+    is_endable = rules.constraint in ways_out and rules.on_exhausted == "terminate"
     detour = distance + float(potential(rules, offset, cell_size))
-    if rules.constraint == "terminate" and detour >= rules.goal_bonus:
+    if is_endable and detour >= rules.goal_bonus:
+        rule, way_out = ways_out[rules.constraint]
         raise ValueError(
-            f"goal_bonus={rules.goal_bonus} is too small for constraint='terminate': to end the "
-            f"episode by a violation would pay more than the detour of {detour:.3f} m, so a bonus "
+            f"goal_bonus={rules.goal_bonus} is too small for {rule}: to end the "
+            f"episode by {way_out} would pay more than the detour of {detour:.3f} m, so a bonus "
             "above that is needed"
         )

@@ -65,7 +65,9 @@ class Observer:
         return build_observer, (self.world, self.goal)
 
     def observe(self, cell: int) -> Any:
-        """Observation of one flat cell, in memory of its own."""
+        """Observation of one flat cell, in memory of its own; see `Packing.set_budget` for what is
+        left of a budget.
+        """
         if self.packing.observation == "cell":
             return cell
 
@@ -86,7 +88,9 @@ def build_observer(world: World, goal: Cell) -> Observer:
     """Observer of a world for one goal; kept, so the same goal costs nothing again."""
     task = world.task
     shape = world.radio_map.grid.shape
-    packing = Packing(task.observation, 2 * task.patch_radius + 1, world.irs.shape[-1], shape)
+    side = 2 * task.patch_radius + 1
+    has_budget = world.cost is not None
+    packing = Packing(task.observation, side, world.irs.shape[-1], shape, has_budget)
     rows = _WRITERS.get(task.observation, _flat_rows)(world, goal, packing)
     cells = world.feasible.size
 
@@ -135,9 +139,11 @@ def _flat_rows(world: World, goal: Cell, packing: Packing) -> RowWriter:
 
 
 def _map_rows(world: World, goal: Cell, packing: Packing) -> RowWriter:
-    """Image channels (4, X, Y): scaled margin, obstacle, robot, goal; the last three are 0 or 1."""
+    """Image channels (4, X, Y): scaled margin, obstacle, robot, goal; the last three are 0 or 1.
+    Under a budget there is a fifth, which stays 0 here.
+    """
     # All but the robot stays the same.
-    still = np.zeros((4, *packing.shape), dtype=np.float32)
+    still = np.zeros((packing.channels, *packing.shape), dtype=np.float32)
     still[MARGIN] = scaled_margin(world.radio_map.gain_db, world.target_db)
     still[OBSTACLE] = ~world.radio_map.free
     still[GOAL][goal] = 1.0

@@ -16,7 +16,8 @@ from irs_gym.mdp.dynamics import ACTIONS
 from irs_gym.mdp.task import Observation
 
 MARGIN_SCALE_DB = 5.0  # a margin of this many dB over the target is seen as 1
-MARGIN, OBSTACLE, ROBOT, GOAL = range(4)  # channels of a map; the last three hold 0 or 1
+# Channels of a map. Obstacle, robot and goal hold 0 or 1; the budget is there under one alone.
+MARGIN, OBSTACLE, ROBOT, GOAL, BUDGET = range(5)
 SETTINGS = 3  # numbers that `irs_gym.mdp.task.irs_settings` gives; phases follow them
 _ENDS = 4  # numbers: own position along x and y, vector to the goal along x and y
 _MOST_CELLS = 2**24  # whole numbers up to this one are float32 as well
@@ -37,16 +38,17 @@ class DecodedObservation(NamedTuple):
     irs: Rows  # (..., 3), the settings of the IRS; a map tells none, (..., 0)
     phases: Rows  # (..., N), its phase shifts; N is 0 where they are left out
     action_mask: NDArray[np.int8] | None  # (..., 8), in masked observations
+    budget: Rows | None = None  # (...,), what is left of a budget, scaled, where there is one
 
 
 @dataclass(frozen=True)
 class Packing:
     """How observations are packed in rows of float32.
 
-    In the order of their keys, as `gymnasium.spaces.flatten` packs a Dict: ``gain_patch`` (2r+1,
-    2r+1), ``irs`` (3 + N), ``position`` (4). Masked, the action mask (8) follows. As a map, a row
-    holds the image (4, X, Y); as a cell, its flat index. Raises ``ValueError`` for more cells than
-    float32 can number.
+    In the order of their keys, as `gymnasium.spaces.flatten` packs a Dict: ``budget`` (1) where
+    there is one, ``gain_patch`` (2r+1, 2r+1), ``irs`` (3 + N), ``position`` (4). Masked, the action
+    mask (8) follows. As a map, a row holds the image (4, X, Y), or with a budget (5, X, Y); as a
+    cell, its flat index. Raises ``ValueError`` for more cells than float32 can number.
 
     Examples
     --------
@@ -70,6 +72,7 @@ class Packing:
     side: int  # of the patch, 2r+1
     settings: int  # 3 + N
     shape: tuple[int, int]  # of the map, (X, Y)
+    has_budget: bool = False
 
     def __post_init__(self) -> None:
         if self.observation == "cell" and prod(self.shape) > _MOST_CELLS:
@@ -78,7 +81,13 @@ class Packing:
             )
 
     @classmethod
-    def of(cls, observation: Any, shape: tuple[int, int], radius: int | None = None) -> "Packing":
+    def of(
+        cls,
+        observation: Any,
+        shape: tuple[int, int],
+        radius: int | None = None,
+        has_budget: bool = False,
+    ) -> "Packing":
         """The packing of one observation, or of a batch, as far as it can be told from it.
 
         Parameters
@@ -91,31 +100,41 @@ class Packing:
             Of the patch, r. Without it, a flat observation is taken for one that holds no phase
             shifts; where that cannot be, its patch and its phase shifts cannot be told apart: the
             side is then 0, and all before the position is taken for settings of the IRS.
+        has_budget
+            Whether flat observations begin with a budget; others tell by themselves.
 
         Examples
         --------
         >>> Packing.of(np.zeros(9 + 3 + 4), shape=(40, 40))
-        Packing(observation='flat', side=3, settings=3, shape=(40, 40))
+        Packing(observation='flat', side=3, settings=3, shape=(40, 40), has_budget=False)
         """
         if isinstance(observation, Mapping):
             if "action_mask" in observation:
-                flat = cls.of(observation["observation"], shape, radius)
+                flat = cls.of(observation["observation"], shape, radius, has_budget)
                 return replace(flat, observation="masked")
 
             side = np.shape(observation["gain_patch"])[-1]
-            return cls("dict", side, np.shape(observation["irs"])[-1], shape)
+            irs = np.shape(observation["irs"])[-1]
+            return cls("dict", side, irs, shape, "budget" in observation)
 
         array = np.asarray(observation)
         if np.issubdtype(array.dtype, np.integer):
             return cls("cell", 0, 0, shape)
-        if array.shape[-3:] == (4, *shape):
-            return cls("map", 0, 0, shape)
+        if array.shape[-3:] in ((4, *shape), (5, *shape)):
+            return cls("map", 0, 0, shape, array.shape[-3] == 5)
 
-        return cls.of_width(array.shape[-1], shape, radius)
+        return cls.of_width(array.shape[-1], shape, radius, has_budget)
 
     @classmethod
-    def of_width(cls, width: int, shape: tuple[int, int], radius: int | None = None) -> "Packing":
+    def of_width(
+        cls,
+        width: int,
+        shape: tuple[int, int],
+        radius: int | None = None,
+        has_budget: bool = False,
+    ) -> "Packing":
         """The packing of flat observations of that many numbers; see `of`."""
+        width -= has_budget
         if radius is not None:
             side = 2 * radius + 1
         else:
@@ -124,14 +143,14 @@ class Packing:
             if side**2 != cells or side % 2 == 0:
                 side = 0
 
-        return cls("flat", side, width - side**2 - _ENDS, shape)
+        return cls("flat", side, width - side**2 - _ENDS, shape, has_budget)
 
     # --- columns of a row -------------------------------------------------------------------------
 
     @cached_property
     def patch(self) -> slice:
         """Columns of the patch."""
-        return slice(0, self.side**2)
+        return slice(int(self.has_budget), self.has_budget + self.side**2)
 
     @cached_property
     def irs(self) -> slice:
@@ -160,13 +179,22 @@ class Packing:
     @cached_property
     def width(self) -> int:
         """Columns of a row, D."""
-        others = {"map": 4 * prod(self.shape), "masked": self.flat_width + ACTIONS, "cell": 1}
+        image = self.channels * prod(self.shape)
+        others = {"map": image, "masked": self.flat_width + ACTIONS, "cell": 1}
         return others.get(self.observation, self.flat_width)
+
+    @property
+    def channels(self) -> int:
+        """Channels of a map."""
+        return BUDGET + self.has_budget
 
     @property
     def space(self) -> spaces.Space[Any]:
         """Of one observation; a new one each time, as a space holds its samples' randomness."""
         shapes = {"gain_patch": (self.side, self.side), "irs": (self.settings,), "position": (4,)}
+        if self.has_budget:
+            shapes["budget"] = (1,)
+
         if self.observation == "dict":
             return spaces.Dict({name: _box(shape) for name, shape in shapes.items()})
 
@@ -177,7 +205,8 @@ class Packing:
         if self.observation == "cell":
             return spaces.Discrete(prod(self.shape))
 
-        return _box((self.width,) if self.observation == "flat" else (4, *self.shape))
+        image = (self.channels, *self.shape)
+        return _box((self.width,) if self.observation == "flat" else image)
 
     # --- rows and their parts ---------------------------------------------------------------------
 
@@ -185,6 +214,9 @@ class Packing:
     def columns(self) -> tuple[slice, ...]:
         """Columns of a row that are an array of their own in an observation."""
         inner = {"dict": (self.patch.stop, self.irs.stop), "masked": (self.flat_width,)}
+        if self.has_budget:
+            inner["dict"] = (self.patch.start, *inner["dict"])
+
         edges = [0, *inner.get(self.observation, ()), self.width]
         return tuple(slice(*each) for each in pairwise(edges))
 
@@ -211,7 +243,8 @@ class Packing:
         to_goal: NDArray[np.floating[Any]],
         action_mask: NDArray[np.int8] | None = None,
     ) -> Parts:
-        """Write what n robots see, and return where; neither for maps nor for cells.
+        """Write what n robots see but for their budgets, which are 0, and return where; neither for
+        maps nor for cells. See `set_budget`.
 
         Parameters
         ----------
@@ -234,7 +267,23 @@ class Packing:
         if action_mask is not None:
             out[1][:] = action_mask
 
+        if self.has_budget:
+            out[0][:, 0] = 0.0
+
         return out
+
+    def set_budget(self, observation: Any, share: Rows) -> None:
+        """Write what is left of budgets, scaled, into one observation or a batch of leading axes.
+
+        ``share``: of `irs_gym.mdp.budget.scaled_amount`, ``(...)``.
+        """
+        if self.observation == "map":
+            observation[..., BUDGET, :, :] = share[..., None, None]
+        elif self.observation == "flat":
+            observation[..., 0] = share
+        else:
+            name = "observation" if self.observation == "masked" else "budget"
+            observation[name][..., 0] = share
 
     def unpack(self, parts: Parts) -> Any:
         """Observations of the parts of rows, with the leading axes kept: views of them, but for
@@ -243,14 +292,16 @@ class Packing:
         first = parts[0]
         leading = first.shape[:-1]
         if self.observation == "dict":
-            patch = first.reshape(*leading, self.side, self.side)
-            return {"gain_patch": patch, "irs": parts[1], "position": parts[2]}
+            budget = {"budget": first} if self.has_budget else {}
+            patch, irs, position = self._fields(parts)
+            patch = patch.reshape(*leading, self.side, self.side)
+            return budget | {"gain_patch": patch, "irs": irs, "position": position}
         if self.observation == "masked":
             return {"action_mask": parts[1].astype(np.int8), "observation": first}
         if self.observation == "cell":
             return first[..., 0].astype(np.int64) if leading else int(first[0])
         if self.observation == "map":
-            return first.reshape(*leading, 4, *self.shape)
+            return first.reshape(*leading, self.channels, *self.shape)
 
         return first
 
@@ -278,6 +329,12 @@ class Packing:
             patch, irs, position = self._fields((np.asarray(flat),))
 
         is_masked = self.observation == "masked"
+        budget = None
+        if self.has_budget and self.observation == "dict":
+            budget = np.asarray(observation["budget"])[..., 0]
+        elif self.has_budget:
+            budget = np.asarray(flat)[..., 0]
+
         robots, goals = cells_of_positions(position, self.shape)  # (..., 2)
 
         return DecodedObservation(
@@ -287,6 +344,7 @@ class Packing:
             irs=irs[..., :SETTINGS],
             phases=irs[..., SETTINGS:],
             action_mask=np.asarray(observation["action_mask"]) if is_masked else None,
+            budget=budget,
         )
 
     def own_cells(self, observation: Any) -> Ints:
@@ -298,7 +356,7 @@ class Packing:
     def _fields(self, parts: Parts) -> tuple[Rows, Rows, Rows]:
         """Views of patch ``(..., (2r+1)**2)``, IRS ``(..., 3 + N)`` and position ``(..., 4)``."""
         if self.observation == "dict":
-            patch, irs, position = parts
+            patch, irs, position = parts[-3:]
             return patch, irs, position
 
         flat = parts[0]
@@ -315,6 +373,7 @@ class Packing:
             irs=nothing,
             phases=nothing,
             action_mask=None,
+            budget=maps[..., BUDGET, 0, 0] if self.has_budget else None,
         )
 
 

@@ -4,7 +4,7 @@ from struct import Struct
 from typing import NamedTuple
 from zlib import crc32
 
-_LAYOUT = Struct("<8sIIIIdI??")
+_LAYOUT = Struct("<8sIIIIdIdd??")
 _SWITCHES = Struct("<Id")
 _CHECK = Struct("<I")
 
@@ -14,7 +14,7 @@ class Snapshot(NamedTuple):
 
     Examples
     --------
-    >>> here = Snapshot(b"8 bytes.", 0, 5, 1599, 46, 0.5, 2, False, True)
+    >>> here = Snapshot(b"8 bytes.", 0, 5, 1599, 46, 0.5, 2, 0.0, 0.0, False, True)
     >>> Snapshot.from_bytes(here.to_bytes()) == here
     True
     """
@@ -26,6 +26,8 @@ class Snapshot(NamedTuple):
     cell: int
     distance: float  # metres travelled
     refused: int
+    budget: float  # total cost that the episode may come to, and what it has come to; 0 without one
+    spent: float
     has_violated: bool
     is_running: bool
     # where the panel is switched, and configurations are part of start and cell
@@ -33,7 +35,7 @@ class Snapshot(NamedTuple):
     metres: float | None = None  # of the distance, the part that is no switch's
 
     def to_bytes(self) -> bytes:
-        """The snapshot as 42 bytes, the last four of them a checksum; 54 where switches count."""
+        """The snapshot as 58 bytes, the last four of them a checksum; 70 where switches count."""
         content = _LAYOUT.pack(*self[:-2])
         if self.switches is not None:
             content += _SWITCHES.pack(*self[-2:])

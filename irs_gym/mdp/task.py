@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell, Grid, as_cell, checked_cell_size
+from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget, payable, range_of
+from irs_gym.mdp.cost import CostKind, cost_map
 from irs_gym.memory import check_memory, freeze
 from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser
 from irs_gym.radio.radio_map import (
@@ -31,8 +33,14 @@ _SHIFT_BYTES = 12  # for each of its phase shifts
 
 _Init = TypeVar("_Init", bound=Callable[..., None])
 
-Constraint = Literal["refuse", "terminate", "allow"]
+Constraint = Literal["refuse", "terminate", "allow", "budget"]
 Observation = Literal["dict", "flat", "map", "masked", "cell"]
+_CHOICES = {
+    "observation": Observation,
+    "constraint": Constraint,
+    "cost": CostKind,
+    "on_exhausted": OnExhausted,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +55,9 @@ class Rules:
     observation: Observation
     irs_phases: bool
     constraint: Constraint
+    cost: CostKind
+    budget: Budget | None
+    on_exhausted: OnExhausted
     random_start: float
     shaping: bool
     goal_bonus: float
@@ -62,7 +73,7 @@ class Rules:
         if not is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
             raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
 
-        for name, choices in (("observation", Observation), ("constraint", Constraint)):
+        for name, choices in _CHOICES.items():
             value = getattr(self, name)
             if not isinstance(value, str) or value not in get_args(choices):
                 raise ValueError(f"{name}={value!r} must be one of {get_args(choices)}")
@@ -71,6 +82,29 @@ class Rules:
             value = getattr(self, name)
             if not isinstance(value, bool | np.bool_):
                 raise ValueError(f"{name}={value!r} must be True or False")
+
+        self._check_budget()
+
+    @property
+    def least_budget(self) -> float | None:
+        """The least budget of an episode; None where there is none."""
+        return None if self.budget is None else range_of(self.budget)[0]
+
+    def _check_budget(self) -> None:
+        if self.constraint != "budget":
+            defaults = {"cost": "violation", "budget": None, "on_exhausted": "terminate"}
+            given = [name for name, default in defaults.items() if getattr(self, name) != default]
+            if given:
+                raise ValueError(
+                    f"{', '.join(given)} needs constraint='budget', not {self.constraint!r}"
+                )
+        elif self.budget is None:
+            raise ValueError("budget=None must be given along with constraint='budget'")
+        elif self.observation == "cell":
+            raise ValueError(
+                "observation='cell' cannot tell the budget that is left: "
+                "constraint='budget' needs another one"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +147,19 @@ class Task:
     irs_phases: bool = True
     """Whether the observation holds the phase shift of each sub-surface."""
     constraint: Constraint = "refuse"
-    """What happens at a cell below the target: the move is refused, ends the episode, or is allowed
-    at a cost.
+    """What happens at a cell below the target: the move is refused, ends the episode, is allowed
+    at a cost, or is paid for out of a budget.
+    """
+    cost: CostKind = "violation"
+    """What a cell costs under a budget; see `irs_gym.cost_map`."""
+    budget: Budget | None = None
+    """Total cost that an episode may come to, or a range (low, high) that each is drawn from.
+
+    Needed with ``constraint="budget"``, and refused with any other.
+    """
+    on_exhausted: OnExhausted = "terminate"
+    """What happens where a robot has spent more than its budget: the episode ends as a failure, or
+    continues, and the cost is only counted.
     """
     random_start: float = False
     """Probability of a start drawn among the cells from which the goal can be reached; True is 1.
@@ -146,6 +191,7 @@ class Task:
         if self.target_db is not None:
             _check_number("target_db", self.target_db)
 
+        object.__setattr__(self, "budget", checked_budget(self.budget))
         _ = self.rules  # checks the fields that are the robot's
 
         for name in ("start", "goal"):
@@ -186,6 +232,9 @@ class TaskArguments(TypedDict, total=False):
     observation: Observation
     irs_phases: bool
     constraint: Constraint
+    cost: CostKind
+    budget: Budget | None
+    on_exhausted: OnExhausted
     random_start: float
     shaping: bool
     goal_bonus: float
@@ -365,10 +414,12 @@ class World:
     source: tuple[Callable[..., "World"], tuple[Any, ...]] = field(repr=False)
     """A call that gives it again."""
     to_go: NDArray[np.float64] | None = field(default=None, repr=False)
-    """Metres to its own goal where known, ``(X, Y)``."""
+    """Metres to its own goal over feasible cells where known, ``(X, Y)``."""
+    cost: NDArray[np.float64] | None = field(default=None, repr=False)
+    """What each cell costs, ``(X, Y)``, under a budget."""
 
     def __post_init__(self) -> None:
-        freeze(self.feasible, self.irs, self.to_go)
+        freeze(self.feasible, self.irs, self.to_go, self.cost)
 
     @property
     def rules(self) -> Rules:
@@ -383,9 +434,12 @@ class World:
         rules = self.rules
         said = (rules.constraint, bool(rules.shaping), float(rules.goal_bonus), self.target_db)
         grid = self.radio_map.grid
-        place = repr((grid.shape, float(grid.cell_size), said)).encode()
+        content = repr((grid.shape, float(grid.cell_size), said)).encode()
+        content += self.radio_map.gain_db.tobytes()
+        if self.cost is not None:
+            content += rules.on_exhausted.encode() + self.cost.tobytes()
 
-        return blake2b(place + self.radio_map.gain_db.tobytes(), digest_size=8).digest()
+        return blake2b(content, digest_size=8).digest()
 
     def __reduce__(self) -> Any:
         # A copy is the same world: rebuilt from its source in another process, shared in this one.
@@ -436,7 +490,16 @@ def _build_world(task: ResolvedTask) -> World:
         feasible=radio_map.feasible(task.target_db),
         irs=_irs_observation(settings, shifts),
         source=(build_world, (given,)),
+        cost=world_costs(given.rules, radio_map, task.target_db),
     )
+
+
+def world_costs(rules: Rules, radio_map: RadioMap, target_db: float) -> NDArray[np.float64] | None:
+    """What each cell costs, ``(X, Y)``, where the rules hold a budget."""
+    if rules.constraint != "budget":
+        return None
+
+    return payable(cost_map(radio_map, target_db, rules.cost))
 
 
 def _irs_observation(

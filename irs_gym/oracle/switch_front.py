@@ -22,7 +22,7 @@ from irs_gym.oracle.joint import (
     path_of_pairs,
 )
 from irs_gym.oracle.shortest_path import Integers
-from irs_gym.oracle.trade_off import whole_lengths
+from irs_gym.oracle.whole_lengths import whole_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def switch_front(
     configuration, Dijkstra's algorithm finds the ways with s + 1. Pairs of a configuration and a
     cell that a layer does not improve, or from which even the shortest way under all configurations
     together is too long, are left out. Lengths are whole numbers, see
-    `irs_gym.oracle.trade_off.whole_lengths`, so that comparisons are exact.
+    `irs_gym.oracle.whole_lengths.whole_lengths`, so that comparisons are exact.
 
     Parameters
     ----------

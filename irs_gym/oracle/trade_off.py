@@ -2,7 +2,6 @@
 
 from bisect import bisect_left
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +11,7 @@ from scipy.sparse.csgraph import breadth_first_order, dijkstra
 from irs_gym.grid import MOVE_LENGTHS, Cell, as_cell, checked_cell_size, checked_map
 from irs_gym.memory import freeze
 from irs_gym.oracle.shortest_path import GRAPH_BYTES, Integers, edges, flat_cell
-
-_MOST_CELLS = 36_000_000  # see whole_lengths
+from irs_gym.oracle.whole_lengths import MOST_CELLS, true_length, whole_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +95,9 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     [1.0, 1.414]
     """
     gain_db = checked_map(gain_db, "gain_db", "iuf", GRAPH_BYTES)
-    if gain_db.size > _MOST_CELLS:
+    if gain_db.size > MOST_CELLS:
         raise ValueError(
-            f"gain_db has {gain_db.size} cells, and lengths are exact on maps up to {_MOST_CELLS}"
+            f"gain_db has {gain_db.size} cells, and lengths are exact on maps up to {MOST_CELLS}"
         )
 
     cell_size = checked_cell_size(cell_size)
@@ -130,35 +128,7 @@ def trade_off(gain_db: NDArray[np.float64], start: Cell, goal: Cell, cell_size: 
     return TradeOff(np.array(targets_db), np.array(distances), runs)
 
 
-# --- exact lengths --------------------------------------------------------------------------------
-
-
-def whole_lengths(cells: int) -> tuple[int, int]:
-    """Whole numbers (q, p) that stand for the lengths 1 and sqrt(2) of the moves on a map of so
-    many cells.
-
-    With them, the lengths of two paths are equal or in order exactly as the true ones are. p/q is a
-    convergent of sqrt(2), so q sqrt(2) is within 1/(2q) of p; q > 2 cells, so a difference a + b
-    sqrt(2) of two lengths has abs(b) < q/2. If it is not 0, it is at least 1 / (abs(a) + abs(b)
-    sqrt(2)), and a q + b p less than 1/4 away from q times that, which is more. Sums are exact in
-    float64 up to 2**53: enough for 36 million cells.
-    """
-    q = 1
-    p = 1
-
-    # p/q = 1/1, 3/2, 7/5, 17/12 ...
-    while q <= 2 * cells:
-        q, p = q + p, 2 * q + p
-
-    return q, p
-
-
-def true_length(whole: float, cells: int) -> float:
-    """Length in cells, a + b sqrt(2), of a whole length a q + b p."""
-    q, p = whole_lengths(cells)
-    # modulo q, the whole length is b p, and p has an inverse; b is less than q
-    diagonal = int(whole) * pow(p, -1, q) % q
-    return (int(whole) - diagonal * p) // q + diagonal * sqrt(2.0)
+# --- all shortest paths ---------------------------------------------------------------------------
 
 
 def _distances_to_go(free: NDArray[np.bool_], sink: int) -> tuple[NDArray[np.float64], csr_array]:

@@ -242,7 +242,7 @@ def focused_codebook(
 
     for first in range(0, len(positions), block):
         some = slice(first, first + block)
-        shifts[some] = serve(built, hardware, positions[some], needs_shifts=True)[1]
+        shifts[some] = serve(built, hardware, positions[some], needs_shifts=True)[2]
 
     return Codebook(shifts, radio_hash(built), f"focused on {len(positions)} cells")
 

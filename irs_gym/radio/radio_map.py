@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from irs_gym.files import as_path, read_arrays, write_file
 from irs_gym.grid import Grid, checked_map
 from irs_gym.memory import check_memory, freeze
+from irs_gym.radio.fading import Fading, MeasuredFading, RicianFading, fading_of
 from irs_gym.radio.geometry import is_in_footprint
 from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser, channel
 from irs_gym.radio.scene import Scene, load_scene
@@ -42,6 +43,8 @@ class RadioMap:
     free
         Bool, shape ``(X, Y)``, read-only: the cells that a robot can enter, whatever the target. By
         default those where anything is received.
+    fading
+        How the instantaneous gain of each cell is distributed; None where nothing tells.
 
     Examples
     --------
@@ -54,6 +57,7 @@ class RadioMap:
     gain_db: NDArray[np.float64]
     grid: Grid = field(kw_only=True)
     free: NDArray[np.bool_] = field(kw_only=True, default=None)  # type: ignore[arg-type]  # set below
+    fading: Fading | None = field(kw_only=True, default=None)
 
     def __post_init__(self) -> None:
         gain = np.array(checked_map(self.gain_db, "gain_db", "iuf", _CELL_BYTES))
@@ -67,6 +71,9 @@ class RadioMap:
                 raise ValueError(f"free has the shape {free.shape}, gain_db {gain.shape}")
             gain[~free] = -np.inf
 
+        if self.fading is not None and self.fading.shape != gain.shape:
+            raise ValueError(f"fading has the shape {self.fading.shape}, gain_db {gain.shape}")
+
         freeze(gain, free)
         object.__setattr__(self, "gain_db", gain)
         object.__setattr__(self, "free", free)
@@ -78,6 +85,7 @@ class RadioMap:
         cell_size: float,
         origin: tuple[float, float] = (0.0, 0.0),
         free: ArrayLike | None = None,
+        fading: Fading | None = None,
     ) -> "RadioMap":
         """Radio map measured or computed elsewhere.
 
@@ -92,6 +100,9 @@ class RadioMap:
         free
             Bool, shape ``(X, Y)``: the cells that a robot can enter, where some of them receive
             nothing.
+        fading
+            A `irs_gym.radio.fading.RicianFading` or `irs_gym.radio.fading.MeasuredFading`, for
+            `irs_gym.cost_map`.
 
         Raises
         ------
@@ -101,15 +112,12 @@ class RadioMap:
         """
         gain = checked_map(gain_db, "gain_db", "iuf", _CELL_BYTES)
         grid = Grid((gain.shape[0], gain.shape[1]), cell_size, origin)
-        return cls(gain, grid=grid, free=free)  # type: ignore[arg-type]  # made an array there
+        return cls(gain, grid=grid, free=free, fading=fading)  # type: ignore[arg-type]  # made an array
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> "RadioMap":
         """Map of what `to_data` gives; a ``ValueError`` says what is wrong with it."""
-        if set(data) not in (
-            {"gain_db", "cell_size", "origin"},
-            {"gain_db", "cell_size", "origin", "free"},
-        ):
+        if set(data) - {"free", "fading"} != {"gain_db", "cell_size", "origin"}:
             raise ValueError(
                 f"radio_map holds {sorted(map(str, data))}, not gain_db, cell_size and origin"
             )
@@ -118,15 +126,22 @@ class RadioMap:
             gain_db = [
                 [-np.inf if gain is None else gain for gain in row] for row in data["gain_db"]
             ]
-            return cls.from_array(gain_db, data["cell_size"], (*data["origin"],), data.get("free"))
+            return cls.from_array(
+                gain_db,
+                data["cell_size"],
+                (*data["origin"],),
+                data.get("free"),
+                fading_of(data.get("fading", {})),
+            )
         except (TypeError, ValueError) as error:
             raise ValueError(f"radio_map: {error}") from None
 
-    def to_data(self) -> dict[str, Any]:
+    def to_data(self, fading: bool | None = None) -> dict[str, Any]:
         """The map as JSON can hold it: lists ``gain_db``, with None for -inf, and ``origin``;
         ``cell_size``.
 
-        ``free`` is among it where a free cell receives nothing.
+        ``free`` is among it where a free cell receives nothing, and a dict ``fading`` where it is
+        known and asked for; by default, where it was measured, so that no scene tells it again.
         """
         data: dict[str, Any] = {
             "gain_db": [
@@ -135,11 +150,13 @@ class RadioMap:
             "cell_size": float(self.grid.cell_size),
             "origin": [float(metres) for metres in self.grid.origin],
         }
-        return (
-            data
-            if (self.free == np.isfinite(self.gain_db)).all()
-            else {**data, "free": self.free.tolist()}
-        )
+        if not np.array_equal(self.free, np.isfinite(self.gain_db)):
+            data["free"] = self.free.tolist()
+        kept = self._kept_fading(fading)
+        if kept:
+            data["fading"] = {name: each.tolist() for name, each in kept.items()}
+
+        return data
 
     def feasible(self, target_db: float) -> NDArray[np.bool_]:
         """The feasible map Pi of eq. (16): cells at or above the target, shape ``(X, Y)``."""
@@ -147,8 +164,8 @@ class RadioMap:
             raise ValueError("target_db is NaN: it must be a number of dB")
         return self.free & (self.gain_db >= target_db)
 
-    def save(self, path: str | Path) -> None:
-        """Write the map as an ``.npz`` file, atomically."""
+    def save(self, path: str | Path, fading: bool | None = None) -> None:
+        """Write the map as an ``.npz`` file, atomically; for ``fading`` see `to_data`."""
         arrays: dict[str, Any] = {
             "format_version": np.int64(1),
             "gain_db": self.gain_db,
@@ -157,10 +174,16 @@ class RadioMap:
         }
         if not np.array_equal(self.free, np.isfinite(self.gain_db)):
             arrays["free"] = self.free
+        arrays |= self._kept_fading(fading)
 
         content = BytesIO()
         np.savez_compressed(content, **arrays)
         write_file(Path(path), content.getvalue())
+
+    def _kept_fading(self, asked: bool | None) -> dict[str, Floats]:
+        """Arrays of the fading where they are asked for, by default where they were measured."""
+        is_kept = isinstance(self.fading, MeasuredFading) if asked is None else asked
+        return dict(vars(self.fading)) if is_kept and self.fading is not None else {}
 
     @classmethod
     def load(cls, path: str | Path) -> "RadioMap":
@@ -187,6 +210,7 @@ class RadioMap:
                 _scalar(arrays, "cell_size"),
                 arrays["origin"].tolist(),
                 arrays.get("free"),
+                fading_of(arrays),
             )
         except ValueError as error:
             raise ValueError(f"{str(place)!r} is not a radio map: {error}") from None
@@ -332,7 +356,7 @@ def build_phase_shifts(
     shifts = _no_shifts(model, needs_shifts=True)
     by_cell = shifts.reshape(shifts.shape[0] * shifts.shape[1], -1)  # (X * Y, N), a view
 
-    for cells, _, held in _receive(model, needs_shifts=True):
+    for cells, _, _, held in _receive(model, needs_shifts=True):
         by_cell[cells] = held
 
     return shifts
@@ -348,15 +372,19 @@ def build_map_and_shifts(
     _check_work(model, needs_shifts=needs_shifts)
     grid = model.grid
     gain_db = np.full(grid.shape, -np.inf)
+    los_gain = np.zeros(grid.shape)
+    scattered_gain = np.zeros(grid.shape)
     shifts = _no_shifts(model, needs_shifts=needs_shifts)
     by_cell = shifts.reshape(gain_db.size, -1)  # (X * Y, N), a view
 
-    for cells, gains, held in _receive(model, needs_shifts=needs_shifts):
+    for cells, gains, scattered, held in _receive(model, needs_shifts=needs_shifts):
         check_gains(grid, cells, gains)
         gain_db.flat[cells] = linear_to_db(gains)
+        los_gain.flat[cells] = np.maximum(gains - scattered, 0.0)
+        scattered_gain.flat[cells] = scattered
         by_cell[cells] = held
 
-    return RadioMap(gain_db, grid=grid), shifts
+    return RadioMap(gain_db, grid=grid, fading=RicianFading(los_gain, scattered_gain)), shifts
 
 
 def as_scene(scene: Scene | str | Path) -> Scene:
@@ -372,12 +400,12 @@ def _scalar(arrays: dict[str, NDArray[Any]], name: str) -> Any:
 
 def _receive(
     model: RadioModel, *, needs_shifts: bool
-) -> Iterator[tuple[NDArray[np.int64], Floats, Floats]]:
+) -> Iterator[tuple[NDArray[np.int64], Floats, Floats, Floats]]:
     """What is received in the free cells, block by block, each from the access point that serves it
     best.
 
-    Yields flat indices of cells ``(n,)``, expected gains ``(n,)``, linear, and phase shifts ``(n,
-    N)``, or ``(n, 0)`` where none are needed.
+    Yields flat indices of cells ``(n,)``, expected gains ``(n,)``, linear, their scattered parts
+    tau ``(n,)``, and phase shifts ``(n, N)``, or ``(n, 0)`` where none are needed.
     """
     scene = model.built_scene
     hardware = model.hardware
@@ -390,13 +418,14 @@ def _receive(
 
 def serve(
     scene: Scene, hardware: Hardware, positions: Floats, *, needs_shifts: bool
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """What is received at positions ``(n, 3)`` from the access point that serves each best.
 
-    Returns expected gains ``(n,)``, linear, and phase shifts ``(n, N)``, or ``(n, 0)`` where none
-    are needed.
+    Returns expected gains and the scattered parts of them ``(n,)``, linear, and phase shifts ``(n,
+    N)``, or ``(n, 0)`` where none are needed.
     """
     gains = np.full(len(positions), -np.inf)  # (n,)
+    scattered = np.zeros(len(positions))  # (n,)
     shifts = np.zeros((len(positions), 0))  # (n, N) from the first access point on
 
     for n, access_point in enumerate(scene.access_points):
@@ -410,9 +439,10 @@ def serve(
         # choose from: a block of shifts is large.
         is_better = own_gains > gains
         shifts = own_shifts if n == 0 else np.where(is_better[:, None], own_shifts, shifts)
+        scattered = np.where(is_better, site.scattered_power(), scattered)
         gains = np.maximum(gains, own_gains)
 
-    return gains, shifts
+    return gains, scattered, shifts
 
 
 def _no_shifts(model: RadioModel, *, needs_shifts: bool) -> NDArray[np.float32]:

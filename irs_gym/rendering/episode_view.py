@@ -5,9 +5,8 @@ from functools import lru_cache
 from typing import Any
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.dynamics import tabulate
+from irs_gym.mdp.dynamics import oracle_path
 from irs_gym.mdp.task import World
-from irs_gym.oracle.shortest_path import descend
 from irs_gym.rendering import View, draw_frame, text_frame
 
 RENDERERS: dict[str, Callable[..., Any]] = {
@@ -17,7 +16,7 @@ RENDERERS: dict[str, Callable[..., Any]] = {
 
 
 @lru_cache(maxsize=32)
-def view_of(world: World, start: Cell, goal: Cell) -> View:
+def view_of(world: World, start: Cell, goal: Cell, budget: float | None = None) -> View:
     """What a picture shows besides the robot's path; kept, so that it is drawn once."""
     scene = world.scene
     radio_map = world.radio_map
@@ -30,7 +29,5 @@ def view_of(world: World, start: Cell, goal: Cell) -> View:
         start=start,
         goal=goal,
         free=radio_map.free,
-        oracle_cells=descend(
-            tabulate(world, goal).distance_to_go, start, radio_map.grid.cell_size
-        ).cells,
+        oracle_cells=oracle_path(world, start, goal, budget).cells,
     )

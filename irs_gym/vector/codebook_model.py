@@ -105,10 +105,20 @@ class CodebookModel:
     def cells(self, states: States) -> States:  # noqa: D102
         return states
 
-    def distance_to_go(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+    def distance_to_go(  # noqa: D102
+        self, states: States, budget_left: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
         if self.tables is None:
             return self.rules.distance_to_go(states)
         return self.tables.to_go.take(states)
+
+    def oracle_distance(  # noqa: D102
+        self, states: States, budgets: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        return self.distance_to_go(states)
+
+    def cost(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+        return np.zeros(len(states))  # there are no budgets
 
     def gain_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
         return self.rules.gain_db(states)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode
+from irs_gym.mdp.budget import amount_left, choose_budget, scaled_amount
 from irs_gym.mdp.checks import checked_actions
 from irs_gym.mdp.dynamics import ACTIONS
 from irs_gym.mdp.path_history import PathHistory
@@ -17,7 +18,7 @@ from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
 from irs_gym.memory import frozen
 from irs_gym.rendering.episode_view import RENDERERS, view_of
-from irs_gym.vector.infos import KEYS, InfoBuilder, Infos, Step, checked_keys
+from irs_gym.vector.infos import BUDGET_VALUES, KEYS, InfoBuilder, Infos, Step, checked_keys
 from irs_gym.vector.protocols import EpisodeSampler, Outcome
 
 
@@ -43,8 +44,13 @@ class VectorEpisodes:
         self.max_episode_steps = max_episode_steps
         self.mode = mode
         self._sampler = sampler
-        keys = checked_keys(infos, [key for key in sampler.info_values if key not in KEYS])
-        self._infos = InfoBuilder(sampler.info_values, keys)
+        self._rules = sampler.rules
+        values = sampler.info_values
+        if self._rules.budget is not None:
+            values = {**values, **BUDGET_VALUES}
+
+        keys = checked_keys(infos, [key for key in values if key not in KEYS])
+        self._infos = InfoBuilder(values, keys)
         # Whether a move was refused costs a comparison of all states: only where somebody asks.
         self._counts_refusals = not {"refused", "is_refused"}.isdisjoint(keys)
         self._counts_switches = not {"switches", "metres"}.isdisjoint(keys)
@@ -58,6 +64,9 @@ class VectorEpisodes:
         self._has_violated = np.zeros(n, dtype=bool)
         self._switches = np.zeros(n, dtype=np.int64)
         self._metres = np.zeros(n)  # of the distance, the part that is no switch's
+        self._budget = np.zeros(n)  # total cost that it may come to, and what it has come to
+        self._spent = np.zeros(n)
+        self._left: NDArray[np.float64] | None = None  # of the budgets, where there are any
         self._nobody = frozen(np.zeros(n, dtype=bool))
         self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
@@ -114,6 +123,8 @@ class VectorEpisodes:
         outcome = self._sampler.transition_model.move(before, checked)
         if resumed is not None:
             outcome.clear(resumed, before[resumed])
+        if self._rules.budget is not None:
+            outcome = self._pay(outcome, resumed)
 
         # Add to the episodes: where the robots are, what they travelled, what was refused.
         self._states = outcome.states
@@ -150,7 +161,7 @@ class VectorEpisodes:
         self._just_ended = self._has_ended
 
         # The goal ends an episode: where none ends, nobody has reached it.
-        is_success = outcome.is_at_goal & ~self._has_violated if self._num_ended else None
+        is_success = outcome.is_at_goal & ~self._has_failed() if self._num_ended else None
 
         # Same-step autoreset begins new episodes before the observation is taken; the infos then
         # tell of the new ones, and carry the last ones of the old.
@@ -208,6 +219,8 @@ class VectorEpisodes:
             goal=end,
             cell=cell,
             distance=float(self._distance[i]),
+            budget=float(self._budget[i]),
+            spent=float(self._spent[i]),
             # steps that led nowhere, whether or not refusals are counted as they happen
             refused=self._history.steps(i) - (len(path) - 1),
             has_violated=bool(self._has_violated[i]),
@@ -220,15 +233,30 @@ class VectorEpisodes:
 
     def _begin(self, chosen: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Start an episode for the chosen robots."""
+        budget = self._rules.budget
+        budgets = None
+        if budget is not None:
+            asked = options.pop("budget", None)
+            budgets = self._budget.copy()
+            budgets[chosen] = [
+                choose_budget(budget, asked, self._rng_of_budget(i)) for i in chosen.tolist()
+            ]
+
         # The sampler may take another transition model for this, so it is asked for afterwards.
-        self._states = self._sampler.begin(self._states, chosen, options, self._rng)
+        self._states = self._sampler.begin(self._states, chosen, options, self._rng, budgets)
         transition_model = self._sampler.transition_model
         begun = self._states[chosen]
+        if budgets is not None:
+            self._budget = budgets
+            self._spent[chosen] = transition_model.cost(begun)
+            self._left = amount_left(self._budget, self._spent)
 
         # what an episode adds up, from nothing
         self._distance[chosen] = 0.0
         self._refused[chosen] = 0
-        self._oracle_distance[chosen] = transition_model.distance_to_go(begun)
+        self._oracle_distance[chosen] = transition_model.oracle_distance(
+            begun, None if budgets is None else budgets[chosen]
+        )
         self._has_violated[chosen] = False
         self._switches[chosen] = 0
         self._metres[chosen] = 0.0
@@ -241,6 +269,31 @@ class VectorEpisodes:
         self._num_ended = int(np.count_nonzero(has_ended))
         self._deadline[chosen] = self._clock + self.max_episode_steps
         self._first_deadline = int(self._deadline.min())
+
+    def _pay(self, outcome: Outcome, resumed: NDArray[np.int64] | None) -> Outcome:
+        """Take the costs of a move out of the budgets. Where one is exhausted, the episode may end,
+        and then it is a failure, at the goal as well.
+        """
+        assert outcome.cost is not None
+        self._spent += outcome.cost
+        self._left = amount_left(self._budget, self._spent)
+        if resumed is not None:  # they have begun, and paid for their start
+            outcome.cost[resumed] = self._spent[resumed]
+
+        if self._rules.on_exhausted == "continue":
+            return outcome
+
+        is_exhausted = self._left < 0
+        if not is_exhausted.any():
+            return outcome
+
+        outcome.reward[outcome.is_at_goal & is_exhausted] -= self._rules.goal_bonus
+
+        return outcome._replace(is_terminated=outcome.is_terminated | is_exhausted)
+
+    def _has_failed(self) -> NDArray[np.bool_]:
+        """Which episodes can be no success any more, ``(n,)``."""
+        return self._has_violated if self._left is None else self._left < 0
 
     def _refusals(
         self,
@@ -268,6 +321,9 @@ class VectorEpisodes:
         # the last of the old episodes, before their states are lost
         packing = self._sampler.packing
         final_parts = self._sampler.transition_model.observe(self._states[ended])
+        if step.budget_left is not None:
+            self._show_budget(packing.unpack(final_parts), step.budget_left[ended])
+
         final_obs = map(packing.unpack, zip(*final_parts, strict=True))
         final = {
             "final_obs": _objects(self.num_envs, ended, final_obs),
@@ -278,10 +334,11 @@ class VectorEpisodes:
 
         self._begin(ended, {})
 
-        # In the new episodes nothing has happened yet.
-        for each in (step.is_refused, step.cost):
-            if each is not None:
-                each[ended] = 0
+        # In the new episodes nothing has happened yet, but that they have paid for their start.
+        if step.is_refused is not None:
+            step.is_refused[ended] = False
+        if step.cost is not None:
+            step.cost[ended] = self._spent[ended]
 
         return {
             **self._infos.everywhere(self._step(step.is_refused, step.cost, None)),
@@ -296,9 +353,14 @@ class VectorEpisodes:
 
         return rng
 
+    def _rng_of_budget(self, i: int) -> np.random.Generator | None:
+        """The randomness of environment i, where a budget is drawn."""
+        return self._rng(i) if isinstance(self._rules.budget, tuple) else None
+
     def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.int64]) -> None:
         """Take the seeds that are not None for the chosen environments."""
-        if self._sampler.is_random:  # the only use of randomness
+        # the only uses of randomness
+        if self._sampler.is_random or isinstance(self._rules.budget, tuple):
             for i in chosen:
                 if seeds[i] is not None:
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
@@ -308,11 +370,21 @@ class VectorEpisodes:
     def _observe(self) -> Any:
         """The observations of all robots, in memory of their own or in one buffer for all steps."""
         parts = self._sampler.transition_model.observe(self._states, self._buffer)
-        return self._sampler.packing.unpack(parts)
+        observation = self._sampler.packing.unpack(parts)
+        if self._left is not None:
+            self._show_budget(observation, self._left)
+
+        return observation
+
+    def _show_budget(self, observation: Any, left: NDArray[np.float64]) -> None:
+        """Write what is left of budgets ``(n,)`` into observations."""
+        self._sampler.packing.set_budget(observation, scaled_amount(left))
 
     def _opening(self) -> Step:
-        """As after a step in which nothing happened."""
-        return self._step(None, None, None)
+        """As after a step in which nothing happened, but that robots pay for their start."""
+        return self._step(
+            None, self._spent.copy() if self._rules.budget is not None else None, None
+        )
 
     def _step(
         self,
@@ -330,6 +402,7 @@ class VectorEpisodes:
             is_refused,
             cost,
             is_success,
+            self._left,
             self._switches,
             self._metres,
         )
@@ -339,10 +412,13 @@ class VectorEpisodes:
         world, goal = self.scene_and_goal(i)
         # before the first reset: where the world's own episode would begin, as single environments
         if not self._is_reset:
-            return RENDERERS[mode](view_of(world, world.start, world.goal), [world.start])
+            budget = self._rules.least_budget
+            return RENDERERS[mode](view_of(world, world.start, world.goal, budget), [world.start])
 
         path = self._history.path(i)
-        return RENDERERS[mode](view_of(world, path[0], goal), path)
+        budget = None if self._rules.budget is None else float(self._budget[i])
+
+        return RENDERERS[mode](view_of(world, path[0], goal, budget), path)
 
     # --- what is accepted -------------------------------------------------------------------------
 

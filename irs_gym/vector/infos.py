@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.mdp.metrics import spl
+from irs_gym.mdp.task import Rules
 from irs_gym.vector.protocols import TransitionModel
 
 Bools = NDArray[np.bool_]
@@ -26,6 +27,7 @@ class Step(NamedTuple):
     is_refused: Bools | None  # None where none is
     cost: Floats | None  # None where it is always 0
     is_success: Bools | None  # None where none is
+    budget_left: Floats | None = None  # None where there is no budget
     # of the episode so far, where the panel is switched and somebody asks
     switches: NDArray[np.int64] | None = None
     metres: Floats | None = None
@@ -49,7 +51,7 @@ def _refused(step: Step) -> NDArray[np.int64]:
 
 
 def _distance_to_go(step: Step) -> Floats:
-    return step.transition_model.distance_to_go(step.states)
+    return step.transition_model.distance_to_go(step.states, step.budget_left)
 
 
 def _gain_db(step: Step) -> Floats:
@@ -87,6 +89,11 @@ def _oracle_distance(step: Step) -> Floats:
     return step.oracle_distance.copy()
 
 
+def _budget_left(step: Step) -> Floats:
+    assert step.budget_left is not None
+    return step.budget_left  # a new one at each step
+
+
 # One set of keys: at a reset, midway and at the end, in the single environment too. Each array is a
 # fresh one.
 VALUES: Values = {
@@ -103,6 +110,7 @@ VALUES: Values = {
     "oracle_distance": _oracle_distance,
 }
 KEYS = tuple(VALUES)
+BUDGET_VALUES: Values = {"budget_left": _budget_left}  # under a budget
 SCENE_KEYS = ("scene_number", "scene_id")  # over many scenes
 # With these, a step of a vector takes a third longer; and names are no numbers, which is what
 # wrappers ask for.
@@ -119,6 +127,11 @@ SLOW = (
 )
 
 Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
+
+
+def budget_keys(rules: Rules) -> tuple[str, ...]:
+    """Keys that the rules add to all others."""
+    return () if rules.budget is None else tuple(BUDGET_VALUES)
 
 
 def checked_keys(infos: Infos, more: Sequence[str] = ()) -> tuple[str, ...]:

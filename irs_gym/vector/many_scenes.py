@@ -11,8 +11,16 @@ from numpy.typing import NDArray
 
 from irs_gym.datasets.random_task import Worlds
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, flat_cells
-from irs_gym.mdp.dynamics import ends, permissions, potential, reward, tabulate
+from irs_gym.mdp.dynamics import (
+    ends,
+    metres_to_go,
+    permissions,
+    potential,
+    reward,
+    tabulate,
+)
 from irs_gym.mdp.packing import (
+    BUDGET,
     GOAL,
     MARGIN,
     OBSTACLE,
@@ -78,13 +86,16 @@ class ManyScenes:
         is_terminated = is_at_goal
         cost = None
 
-        if self.violating is not None:
+        next_states = self.code.step(states, codes)
+        if self.worlds.task.budget is not None:
+            cost = self.cost(next_states)
+        elif self.violating is not None:
             is_violation = self.violating.of(places, actions)
             cost = is_violation.astype(np.float64)
             is_terminated = ends(self.worlds.task.rules, is_at_goal, is_violation)
 
         return Outcome(
-            states=self.code.step(states, codes),
+            states=next_states,
             reward=self.reward.take(entries),
             moved=self._moved.take(codes),
             is_terminated=is_terminated,
@@ -128,6 +139,8 @@ class ManyScenes:
         robots = self.code.decode(states)
         images[:, MARGIN] = self._margins[robots.scene, :columns, :rows]
         images[:, OBSTACLE] = ~self.worlds.pool.free[robots.scene]
+        if self.packing.has_budget:
+            images[:, BUDGET] = 0.0
 
         for channel, cells in ((ROBOT, robots.cell), (GOAL, robots.goal)):
             images[:, channel] = 0.0
@@ -138,9 +151,14 @@ class ManyScenes:
     def cells(self, states: States) -> Ints:  # noqa: D102
         return self.code.places(states)
 
-    def distance_to_go(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+    def distance_to_go(  # noqa: D102
+        self, states: States, budget_left: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
         pool = self.worlds.pool
         scenes, cells, goals = self.code.decode(states)
+        if budget_left is not None:
+            return self._within(states, flat_cells(cells, pool.shape), budget_left)
+
         to_go = pool.distance_to_go[scenes, cells[:, 0], cells[:, 1]]
 
         # The pool knows the way to each scene's own goal; to others, it is worked out.
@@ -149,6 +167,39 @@ class ManyScenes:
             to_go[n] = tabulate(world, goal).distance_to_go[cells[n, 0], cells[n, 1]]
 
         return np.asarray(to_go)
+
+    def _within(
+        self, states: States, cells: Ints, budget_left: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Metres to go from flat cells with what is left of budgets, ``(n,)``."""
+        metres = np.empty(len(states))
+
+        for n in range(len(states)):
+            world, goal = self.scene_and_goal(states, n)
+            metres[n] = metres_to_go(world, goal, cells[n], budget_left[n])
+
+        return metres
+
+    def oracle_distance(  # noqa: D102
+        self, states: States, budgets: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        if budgets is None:
+            return self.distance_to_go(states)
+
+        pool = self.worlds.pool
+        scenes, cells, goals = self.code.decode(states)
+        is_own = ((cells == pool.start[scenes]) & (goals == pool.goal[scenes])).all(axis=1)
+        metres = np.empty(len(states))
+        metres[is_own] = self.worlds.start_fronts.distance(scenes[is_own], budgets[is_own])
+        others = np.flatnonzero(~is_own)
+        if len(others):
+            left = budgets[others] - self.cost(states[others])
+            metres[others] = self.distance_to_go(states[others], left)
+
+        return metres
+
+    def cost(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+        return self._cost.take(self.code.places(states))
 
     def gain_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
         cells = self.code.cells(states)
@@ -174,6 +225,15 @@ class ManyScenes:
     def shape(self) -> tuple[int, int]:
         """Of a map with its border."""
         return self.code.shape
+
+    @cached_property
+    def _cost(self) -> NDArray[np.float64]:
+        """What cells cost under a budget, ``(S * C,)``; inf in borders."""
+        columns, rows = self.packing.shape
+        cost = np.full((len(self.worlds), *self.shape), np.inf)
+        cost[:, :columns, :rows] = self.worlds.cost
+
+        return frozen(cost.ravel())
 
     @cached_property
     def _margins(self) -> Rows:
@@ -234,7 +294,8 @@ def build_many_scenes(worlds: Worlds) -> ManyScenes:
     seen = margin[before : before + cells].reshape(len(pool), *code.shape)
 
     # What may be done: nothing in the border, where nobody can be.
-    kinds = 1 if task.constraint == "refuse" else 2  # nothing but refusals, or violations too
+    # nothing but refusals, or violations too
+    kinds = 2 if task.constraint in ("terminate", "allow") else 1
     moves = np.zeros((kinds, len(pool), *code.shape), dtype=np.uint16)
 
     for first in range(0, len(pool), _BLOCK):
@@ -248,10 +309,16 @@ def build_many_scenes(worlds: Worlds) -> ManyScenes:
 
     return ManyScenes(
         worlds=worlds,
-        packing=Packing(task.observation, 2 * task.patch_radius + 1, pool.irs.shape[1], pool.shape),
+        packing=Packing(
+            task.observation,
+            2 * task.patch_radius + 1,
+            pool.irs.shape[1],
+            pool.shape,
+            has_budget=task.budget is not None,
+        ),
         code=code,
         legal=MoveBits(moves[0].ravel()),
-        violating=None if task.constraint == "refuse" else MoveBits(moves[1].ravel()),
+        violating=None if kinds == 1 else MoveBits(moves[1].ravel()),
         margin=margin,
         **_rewards(worlds, code),
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.dynamics import ACTIONS, tabulate
+from irs_gym.mdp.dynamics import ACTIONS, metres_to_go, tabulate
 from irs_gym.mdp.observation import build_observer
 from irs_gym.mdp.packing import Packing, Parts, Rows
 from irs_gym.mdp.task import World
@@ -33,7 +33,7 @@ class OneScene:
     next_state: NDArray[np.int64]  # (S * 8,)
     reward: NDArray[np.float64]  # (S * 8,)
     moved: NDArray[np.float64]  # (S * 8,): metres really travelled
-    cost: NDArray[np.float64] | None  # (S * 8,), None where it is always 0
+    move_cost: NDArray[np.float64] | None  # (S * 8,), None where it is always 0
     is_terminated: NDArray[np.bool_]  # (S * 8,)
     is_at_goal: NDArray[np.bool_]  # (S * 8,)
     mask: NDArray[np.int8]  # (S, 8)
@@ -63,12 +63,12 @@ class OneScene:
         # Where moves are refused, nothing costs, and only the goal ends an episode; to compare with
         # one goal is faster than to gather.
         cost = None
-        if self.cost is None and len(self.goals) == 1:
+        if self.move_cost is None and len(self.goals) == 1:
             is_terminated = is_at_goal = next_states == self._goal
-        elif self.cost is None:
+        elif self.move_cost is None:
             is_terminated = is_at_goal = self.is_terminated.take(entry)
         else:
-            cost = self.cost.take(entry)
+            cost = self.move_cost.take(entry)
             is_terminated = self.is_terminated.take(entry)
             is_at_goal = self.is_at_goal.take(entry)
 
@@ -114,8 +114,46 @@ class OneScene:
     def cells(self, states: States) -> States:  # noqa: D102
         return states % self.world.feasible.size if len(self.goals) > 1 else states
 
-    def distance_to_go(self, states: States) -> NDArray[np.float64]:  # noqa: D102
-        return self.to_go.take(states)
+    def distance_to_go(  # noqa: D102
+        self, states: States, budget_left: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        if budget_left is None:
+            return self.to_go.take(states)
+
+        metres = np.empty(len(states))
+        numbers, cells = np.divmod(states, self.world.feasible.size)  # (n,) each
+
+        for number, goal in enumerate(self.goals):
+            here = numbers == number
+            metres[here] = metres_to_go(self.world, goal, cells[here], budget_left[here])
+
+        return metres
+
+    def oracle_distance(  # noqa: D102
+        self, states: States, budgets: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        if budgets is None:
+            return self.distance_to_go(states)
+        if (budgets == self._usual_budget).all():
+            return self._from_start.take(states)
+
+        return self.distance_to_go(states, budgets - self.cost(states))
+
+    @cached_property
+    def _usual_budget(self) -> float:
+        """The least budget: with most tasks the only one."""
+        budget = self.world.rules.least_budget
+        return np.nan if budget is None else budget
+
+    @cached_property
+    def _from_start(self) -> NDArray[np.float64]:
+        """Metres to go for robots that begin in the states with the usual budget, ``(S,)``."""
+        states = np.arange(len(self.to_go))
+        return self.distance_to_go(states, self._usual_budget - self.cost(states))
+
+    def cost(self, states: States) -> NDArray[np.float64]:  # noqa: D102
+        assert self.world.cost is not None
+        return np.asarray(self.world.cost.take(self.cells(states)))
 
     def gain_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
         return self.gain.take(states)
@@ -144,7 +182,7 @@ def build_one_scene(world: World, goals: tuple[Cell, ...]) -> OneScene:
         next_state=_join(next_states),
         reward=_join([each.transition["reward"] for each in tables]),
         moved=_join([each.transition["moved"] for each in tables]),
-        cost=None if is_refusing else _join([each.transition["cost"] for each in tables]),
+        move_cost=None if is_refusing else _join([each.transition["cost"] for each in tables]),
         is_terminated=_join([each.transition["is_terminated"] for each in tables]),
         is_at_goal=_join([each.transition["is_at_goal"] for each in tables]),
         mask=_join([each.action_mask for each in tables]),

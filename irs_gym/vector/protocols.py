@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.packing import Parts
-from irs_gym.mdp.task import World
+from irs_gym.mdp.task import Rules, World
 
 # (n,): where robots are and where they want to go, each as one number. What the number means is the
 # transition model's own affair.
@@ -47,8 +47,20 @@ class TransitionModel(Protocol):
     def cells(self, states: States) -> NDArray[np.int64]:
         """Flat cells; where there are several maps, they lie one above the other."""
 
-    def distance_to_go(self, states: States) -> NDArray[np.float64]:
-        """Metres to the goal."""
+    def distance_to_go(
+        self, states: States, budget_left: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Metres to the goal, with what is left of budgets ``(n,)`` where there are any."""
+
+    def oracle_distance(
+        self, states: States, budgets: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Metres to the goal for robots that begin in the states, and pay for these out of budgets
+        ``(n,)`` where there are any.
+        """
+
+    def cost(self, states: States) -> NDArray[np.float64]:
+        """What the cells of the states cost, where there are budgets."""
 
     def gain_db(self, states: States) -> NDArray[np.float64]:
         """Expected channel gains in dB."""
@@ -69,12 +81,16 @@ class Layout(Protocol):
     def unpack(self, parts: Parts) -> Any:
         """Observations of the parts of rows."""
 
+    def set_budget(self, observation: Any, share: Any) -> None:
+        """Write what is left of budgets into observations, where there are any."""
+
 
 class EpisodeSampler(Protocol):
     """Who starts episodes, and what all of them share."""
 
     is_random: bool  # whether it draws
-    is_violable: bool  # whether cells below the target can be entered
+    is_violable: bool  # whether an episode that enters a cell below the target is lost
+    rules: Rules
     map_shape: tuple[int, int]  # of the maps that `TransitionModel.cells` counts through
 
     @property
@@ -90,10 +106,15 @@ class EpisodeSampler(Protocol):
         """How each key of the infos is computed from an `irs_gym.vector.infos.Step`."""
 
     def begin(
-        self, states: States, chosen: NDArray[np.int64], options: dict[str, Any] | None, rng: RngOf
+        self,
+        states: States,
+        chosen: NDArray[np.int64],
+        options: dict[str, Any] | None,
+        rng: RngOf,
+        budgets: NDArray[np.float64] | None = None,
     ) -> States:
-        """States in which the chosen robots begin anew and the others stay where they are; in
-        memory of their own.
+        """States in which the chosen robots begin anew, with their budgets ``(n,)`` where there are
+        any, and the others stay where they are; in memory of their own.
         """
 
     def scene_number(self, states: States, i: int) -> int:

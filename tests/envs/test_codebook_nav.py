@@ -222,7 +222,7 @@ def test_a_state_goes_on_as_it_did_before():
         env.set_state(state[:-1] + bytes([state[-1] ^ 1]))
     with pytest.raises(ValueError, match="state is of another task"):
         make(target_db=-62.5).unwrapped.set_state(state)
-    with pytest.raises(ValueError, match="must be the 42 bytes"):
+    with pytest.raises(ValueError, match="must be the 58 bytes"):
         gymnasium.make("irs_gym:IrsNav-v0").unwrapped.set_state(state)
 
 

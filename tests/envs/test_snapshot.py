@@ -52,7 +52,7 @@ def test_a_restored_state_goes_on_as_before(env_id, more, constraint):
             continue
         state, mask, cell = env.get_state(), env.action_masks(), env.path[-1]
         assert type(state) is bytes
-        assert len(state) == 42
+        assert len(state) == 58
         actions = rng.integers(0, 8, 60).tolist()
         said = walk(env, actions)
         ends += said[-1][2]
@@ -116,7 +116,7 @@ def test_damaged_states_are_refused_and_change_nothing(env_id, more):
             with pytest.raises(ValueError, match="state is damaged"):
                 env.set_state(state[:n] + bytes([state[n] ^ flipped]) + state[n + 1 :])
     for bad in (b"", state[:-1], state + b"\0", bytearray(state), state.hex(), None):
-        with pytest.raises(ValueError, match="state must be the 42 bytes"):
+        with pytest.raises(ValueError, match="state must be the 58 bytes"):
             env.set_state(bad)
     for where, value in (
         (12, 10**6),

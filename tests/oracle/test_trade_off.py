@@ -6,6 +6,7 @@ import pytest
 
 from irs_gym import build_radio_map, highest_feasible_target, trade_off
 from irs_gym.oracle import trade_off as trade_off_curve
+from irs_gym.oracle.whole_lengths import true_length, whole_lengths
 
 SQRT2 = 2**0.5
 
@@ -122,7 +123,7 @@ def test_an_end_off_the_map_is_named():
 
 @pytest.mark.parametrize("cells", [1, 2, 50, 1600, 10**6])
 def test_whole_lengths_order_paths_as_their_true_lengths_do(cells):
-    q, p = trade_off_curve.whole_lengths(cells)
+    q, p = whole_lengths(cells)
     rng = np.random.default_rng(cells)
     diagonal = rng.integers(-cells, cells + 1, 200)
     for b in {int(n) for n in diagonal} | {cells, -cells}:
@@ -135,8 +136,6 @@ def test_whole_lengths_order_paths_as_their_true_lengths_do(cells):
                 true, whole = a + b * root, a * q + b * p
                 assert (true > 0, true < 0) == (whole > 0, whole < 0)
                 if a >= 0 and b >= 0:
-                    assert trade_off_curve.true_length(whole, cells) == pytest.approx(
-                        float(true), rel=1e-15
-                    )
+                    assert true_length(whole, cells) == pytest.approx(float(true), rel=1e-15)
     for a, b in rng.integers(0, cells + 1, (50, 2)).tolist():
-        assert trade_off_curve.true_length(a * q + b * p, cells) == a + b * SQRT2
+        assert true_length(a * q + b * p, cells) == a + b * SQRT2

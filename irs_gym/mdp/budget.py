@@ -1,0 +1,118 @@
+"""A budget of costs: what may be asked for, what is left of it, and how that is seen."""
+
+from collections.abc import Sequence
+from math import isfinite
+from numbers import Real
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+Budget = float | tuple[float, float]  # one for all episodes, or the range each is drawn from
+OnExhausted = Literal["terminate", "continue"]
+
+# A robot may overdraw by this much: what a user hands over may be a sum in another order.
+SLACK = 1e-9
+# Costs are whole multiples of this, so that their sums are exact in any order, up to 2**17.
+_UNIT = 2.0**-36
+
+
+def checked_budget(budget: Any) -> Budget | None:
+    """The budget as floats, or None where there is none.
+
+    Raises ``ValueError`` for what is neither a number from 0 nor a range ``(low, high)`` of such.
+
+    Examples
+    --------
+    >>> checked_budget([0, 26])
+    (0.0, 26.0)
+    """
+    if budget is None:
+        return None
+
+    is_range = isinstance(budget, Sequence | np.ndarray) and not isinstance(budget, str)
+    ends = list(budget) if is_range else [budget]
+    is_right = len(ends) == (2 if is_range else 1) and all(_is_amount(each) for each in ends)
+    if not is_right or ends[0] > ends[-1]:
+        raise ValueError(
+            f"budget={budget!r} must be a finite number from 0, or a range (low, high) of such"
+        )
+
+    return (float(ends[0]), float(ends[1])) if is_range else float(ends[0])
+
+
+def _is_amount(value: Any) -> bool:
+    is_number = isinstance(value, Real) and not isinstance(value, bool | np.bool_)
+    return is_number and isfinite(value) and value >= 0
+
+
+def range_of(budget: Budget) -> tuple[float, float]:
+    """The least and the largest budget of an episode."""
+    return budget if isinstance(budget, tuple) else (budget, budget)
+
+
+def choose_budget(budget: Budget, asked: Any, rng: np.random.Generator | None) -> float:
+    """The budget of an episode: what is asked for, else the one there is, else one drawn from the
+    range, all equally likely.
+
+    Raises ``ValueError`` where more is asked for than the largest, up to which optima are known.
+    """
+    low, high = range_of(budget)
+    if asked is not None:
+        if not _is_amount(asked) or asked > high:
+            raise ValueError(
+                f"options: budget={asked!r} must be a number from 0 to {high}, "
+                "the largest budget of the task"
+            )
+        return float(asked)
+
+    return low if rng is None else float(rng.uniform(low, high))
+
+
+def is_below(budgets: Sequence[float | None], least: float | None) -> bool:
+    """Whether one of the budgets is below the least of the task, for which nothing was checked."""
+    return least is not None and any(each is not None and each < least for each in budgets)
+
+
+def payable(cost: Floats) -> Floats:
+    """Costs, of any shape, as environments charge them: the nearest multiples of 2**-36.
+
+    Examples
+    --------
+    >>> a, b, c = 0.1, 0.2, 0.3
+    >>> a + b + c == c + b + a
+    False
+    >>> a, b, c = payable(np.array([a, b, c]))
+    >>> bool(a + b + c == c + b + a), bool(abs(a - 0.1) < 1e-11)
+    (True, True)
+    """
+    return np.asarray(np.rint(cost / _UNIT) * _UNIT)
+
+
+def amount_left(budget: ArrayLike, spent: ArrayLike) -> Floats:
+    """What is left of budgets, of any shape: below 0 where they are exhausted.
+
+    Examples
+    --------
+    >>> amount_left([1.0, 1.0, 1.0], [0.25, 1.0 + 1e-12, 1.5]).tolist()
+    [0.75, 0.0, -0.5]
+    """
+    left = np.subtract(budget, spent)
+    is_rounding = np.abs(left) <= SLACK
+    return np.where(is_rounding, 0.0, left) if is_rounding.any() else np.asarray(left)
+
+
+def scaled_amount(left: ArrayLike) -> NDArray[np.float32]:
+    """What an agent sees of what is left of a budget: left / (1 + abs(left)), from -1 to 1.
+
+    It is 0 where nothing is left, below where more was spent, and tells small amounts apart best.
+
+    Examples
+    --------
+    >>> scaled_amount([0.0, 1.0, 3.0, -1.0, -np.inf]).tolist()
+    [0.0, 0.5, 0.75, -0.5, -1.0]
+    """
+    left = np.maximum(left, -1e30)  # minus infinity as well is -1
+    return np.asarray(left / (1.0 + np.abs(left)), dtype=np.float32)

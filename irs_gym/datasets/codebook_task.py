@@ -96,8 +96,10 @@ class CodebookTask:
     """"dict", the same packed as "flat", that beside the action mask as "masked", or the number of
     configuration and "cell".
     """
-    irs_phases: bool = Task.irs_phases
-    """Whether the observation holds the phase shift of each sub-surface; never over many scenes."""
+    irs_phases: bool = False
+    """Whether the observation holds the phase shift of each sub-surface, which follow from the
+    configuration; never over many scenes.
+    """
     constraint: CodebookConstraint = "refuse"
     """What happens below the target: the move or switch is refused, ends the episode, or is allowed
     at a cost.

@@ -267,7 +267,7 @@ class _Lookup:
             return tuple(float(value[0]) for value in each)  # type: ignore[return-value]
 
         def parts(state: int) -> Any:
-            return rules.write(np.array([state]), rules.packing.empty(1))
+            return rules.observe(np.array([state]))
 
         self._outcomes = lru_cache(maxsize=kept)(outcomes)
         self._parts = lru_cache(maxsize=kept)(parts)

@@ -65,7 +65,8 @@ class IrsNavCodebookEnv(gymnasium.Env[Any, int]):
       and outside;
     - ``gains`` (K,): the margin in the robot's cell under each configuration, likewise;
     - ``irs`` (3 + N,): presence, resolution and number of elements of the IRS, then the phase shift
-      that each of the N sub-surfaces holds (pi is 0; left out with ``irs_phases=False``);
+      that each of the N sub-surfaces holds (pi is 0), if ``irs_phases=True``: they follow from the
+      configuration;
     - ``position`` (4,): own x and y, scaled to the room, and the vector to the goal over the room's
       size.
 

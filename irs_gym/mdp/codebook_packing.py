@@ -9,7 +9,6 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from irs_gym.grid import flat_cells
 from irs_gym.mdp.dynamics import ACTIONS
@@ -231,17 +230,6 @@ def own_states(observation: Any, shape: tuple[int, int], configurations: int) ->
     cells = flat_cells(robots, shape)
 
     return np.asarray(configuration.argmax(axis=-1) * prod(shape) + cells)
-
-
-def one_hot(configurations: Ints, count: int) -> NDArray[np.float32]:
-    """1 at the number of each configuration and 0 elsewhere, ``(..., K)``.
-
-    Examples
-    --------
-    >>> one_hot(np.array([2, 0]), 3).tolist()
-    [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
-    """
-    return np.eye(count, dtype=np.float32)[configurations]
 
 
 def _box(shape: tuple[int, ...]) -> spaces.Box:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from irs_gym.mdp.codebook_packing import CodebookPacking
 from irs_gym.mdp.codebook_rules import CodebookRules
 from irs_gym.mdp.packing import Parts
-from irs_gym.memory import freeze, frozen
+from irs_gym.memory import freeze
 from irs_gym.vector.protocols import Outcome, States
 
 LARGEST_TABLES = 2**29  # bytes: what would not fit is computed as it is asked for
@@ -23,14 +23,14 @@ _BLOCK = 2**20  # entries of tables that are worked out at a time: bounds memory
 class Tables:
     """What each action does in each state: arrays ``(S * A,)``, entry A x state + action."""
 
-    next_state: NDArray[np.int64]
-    reward: NDArray[np.float64]
-    moved: NDArray[np.float64]
+    # In one record, as a gather from a large table takes as long however wide its entries are: the
+    # next state, or ~ of it where the episode ends, and the reward.
+    next_state_and_reward: NDArray[np.complex128]
     cost: NDArray[np.float64] | None  # None where it is always 0
-    is_terminated: NDArray[np.bool_]
     is_at_goal: NDArray[np.bool_]
     mask: NDArray[np.int8]  # (S, A)
     to_go: NDArray[np.float64]  # (S,)
+    length: NDArray[np.float64]  # (A,): metres that an action counts, if it is not refused
 
     def __post_init__(self) -> None:
         freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
@@ -46,11 +46,9 @@ class CodebookModel:
 
     rules: CodebookRules
     tables: Tables | None = field(init=False)
-    observations: Parts | None = field(init=False)  # parts of (S, D)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tables", _tabulated(self.rules))
-        object.__setattr__(self, "observations", _observed(self.rules))
 
     def __reduce__(self) -> Any:
         return model_of, (self.rules,)
@@ -76,31 +74,32 @@ class CodebookModel:
 
         entry = states * self.rules.actions
         entry += actions
-        is_terminated = tables.is_terminated.take(entry)
+        found = tables.next_state_and_reward.take(entry)
+        next_states = found.real.astype(np.int64)
+
+        # what ends an episode is told by the sign
+        is_terminated = next_states < 0
+        if np.count_nonzero(is_terminated):
+            next_states = np.where(is_terminated, ~next_states, next_states)
+
+        # what is refused leads nowhere
+        moved = tables.length.take(actions)
+        moved *= next_states != states
+
         # where moves are refused, only the goal ends an episode
         is_at_goal = is_terminated if tables.cost is None else tables.is_at_goal.take(entry)
 
         return Outcome(
-            tables.next_state.take(entry),
-            tables.reward.take(entry),
-            tables.moved.take(entry),
+            next_states,
+            found.imag.copy(),
+            moved,
             is_terminated,
             None if tables.cost is None else tables.cost.take(entry),
             is_at_goal,
         )
 
     def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
-        if self.observations is None:
-            return self.rules.write(states, out or self.packing.empty(len(states)))
-        if out is None:
-            return tuple([table.take(states, axis=0) for table in self.observations])
-
-        # "clip" is the fast mode of a gather into an array; states come from the tables and are in
-        # range.
-        for table, part in zip(self.observations, out, strict=True):
-            table.take(states, axis=0, out=part, mode="clip")
-
-        return out
+        return self.rules.observe(states, out)
 
     def cells(self, states: States) -> States:  # noqa: D102
         return states
@@ -146,9 +145,8 @@ def _tabulated(rules: CodebookRules) -> Tables | None:
     """Tables of all states and actions; None where they would be too large to keep."""
     is_refusing = rules.maps.rules.constraint == "refuse"
     kinds: dict[str, Any] = {
-        "next_cell": np.int64,
+        "next_cell": np.int32,
         "reward": np.float64,
-        "moved": np.float64,
         "is_terminated": np.bool_,
         "is_at_goal": np.bool_,
         "is_refused": np.bool_,
@@ -169,27 +167,20 @@ def _tabulated(rules: CodebookRules) -> Tables | None:
             column[states] = getattr(step, name)
 
     return Tables(
-        next_state=columns["next_cell"].ravel(),
-        reward=columns["reward"].ravel(),
-        moved=columns["moved"].ravel(),
+        next_state_and_reward=_paired(columns),
         cost=None if is_refusing else columns["cost"].ravel(),
-        is_terminated=columns["is_terminated"].ravel(),
         is_at_goal=columns["is_at_goal"].ravel(),
         mask=(~columns["is_refused"]).astype(np.int8),
         to_go=rules.distance_to_go(np.arange(rules.states)),
+        length=rules.lengths,
     )
 
 
-def _observed(rules: CodebookRules) -> Parts | None:
-    """Observations of all states, where they are small enough to keep."""
-    if 4 * rules.states * rules.packing.width > LARGEST_TABLES // 4:
-        return None
+def _paired(columns: dict[str, NDArray[Any]]) -> NDArray[np.complex128]:
+    """Next states and rewards as one table of records; states are whole numbers, and so exact."""
+    paired = np.empty(columns["reward"].size, dtype=np.complex128)
+    next_state = columns["next_cell"]
+    paired.real = np.where(columns["is_terminated"], ~next_state, next_state).ravel()
+    paired.imag = columns["reward"].ravel()
 
-    parts = rules.packing.empty(rules.states)
-    block = max(1, _BLOCK // rules.packing.width)
-
-    for first in range(0, rules.states, block):
-        states = np.arange(first, min(first + block, rules.states))
-        rules.write(states, tuple(part[first : first + block] for part in parts))
-
-    return tuple(frozen(part) for part in parts)
+    return paired

@@ -96,14 +96,14 @@ def test_the_vec_env_of_stable_baselines3_tells_masks_and_ends():
     )
     env.seed(0)
     observation = env.reset()
-    assert observation.shape == (3, 2 * 6 + 121 + 63 + 4)
+    assert observation.shape == (3, 2 * 6 + 121 + 3 + 4)
     assert np.stack(env.env_method("action_masks")).shape == (3, 14)
     assert env.get_attr("spec")[0].id == "IrsNavCodebook-v0"
     for _ in range(30):
         *_, done, infos = env.step(np.full(3, 13))
     assert done.all()
     assert infos[0]["TimeLimit.truncated"]
-    assert infos[0]["terminal_observation"].shape == (200,)
+    assert infos[0]["terminal_observation"].shape == (140,)
 
 
 def test_with_a_codebook_the_command_line_is_that_of_its_environment(tmp_path):

@@ -261,8 +261,9 @@ class Ends:
 def choose_ends(
     maps: CodebookMaps, scene: int, given: Mapping[str, Any], rng: Callable[[], Any]
 ) -> Ends:
-    """The ends given as ``start``, ``goal`` and ``configuration``; else the scene's own goal, a
-    start as the task says, and the configuration of the highest gain there.
+    """The ends given as ``start``, ``goal`` and ``configuration``; else the scene's own goal, and a
+    start as the task says: the scene's in the configuration of the highest gain there, or one drawn
+    together with its configuration among all that lead to the goal.
 
     ``rng`` gives the generator to draw from, where there is anything to draw.
 
@@ -275,12 +276,24 @@ def choose_ends(
     """
     goal = given.get("goal") or maps.own_goal(scene)
     start = given.get("start")
-    if start is None:
-        if "goal" in given:
-            _check_cell(maps, scene, "goal", goal)
-        start = _chosen_start(maps, scene, goal, rng)
+    configuration = given.get("configuration")
+    if start is not None or not maps.rules.random_start or not draws_start(maps.rules, rng()):
+        own = maps.own_start(scene) if start is None else start
+        return _checked_ends(maps, scene, own, goal, configuration)
 
-    return _checked_ends(maps, scene, start, goal, given.get("configuration"))
+    # the first ends are checked, and those that are drawn are known to be joined
+    _check_cell(maps, scene, "goal", goal)
+    starts = _starts(maps, scene, goal, configuration)
+    if not len(starts):
+        raise ValueError(
+            f"goal={goal} cannot be reached from any other cell at "
+            f"target_db={float(maps.target_db[scene])}"
+        )
+
+    first, cell = divmod(draw_start(starts, rng()), maps.size)
+    i, j = divmod(cell, maps.shape[1])
+
+    return Ends(scene, first, (i, j), goal)
 
 
 @lru_cache(maxsize=4096)
@@ -293,44 +306,37 @@ def _checked_ends(
     if start == goal:
         raise ValueError(f"start={start} must differ from the goal")
 
-    first = int(maps.strongest[(scene, *start)]) if configuration is None else configuration
-    if not is_integer(first) or not 0 <= first < maps.configurations:
-        raise ValueError(
-            f"configuration={first!r} must be a number from 0 to {maps.configurations - 1}"
-        )
-
-    if not np.isfinite(to_go_of(maps, scene, goal)[(int(first), *start)]):
+    strongest = int(maps.strongest[(scene, *start)])
+    first = strongest if configuration is None else _checked_configuration(maps, configuration)
+    if not np.isfinite(to_go_of(maps, scene, goal)[(first, *start)]):
         target_db = float(maps.target_db[scene])
-        raise ValueError(joint_infeasible(maps.gain_db[scene], start, goal, target_db, int(first)))
+        raise ValueError(joint_infeasible(maps.gain_db[scene], start, goal, target_db, first))
 
-    return Ends(scene, int(first), start, goal)
-
-
-def _chosen_start(maps: CodebookMaps, scene: int, goal: Cell, rng: Callable[[], Any]) -> Cell:
-    """The scene's start; with the probability that the task says, one drawn among the cells that
-    lead to the goal from the configuration of the highest gain there.
-    """
-    if not maps.rules.random_start or not draws_start(maps.rules, rng()):
-        return maps.own_start(scene)
-
-    starts = _starts(maps, scene, goal)
-    if not len(starts):
-        raise ValueError(
-            f"goal={goal} cannot be reached from any other cell at "
-            f"target_db={float(maps.target_db[scene])}"
-        )
-
-    i, j = divmod(draw_start(starts, rng()), maps.shape[1])
-
-    return i, j
+    return Ends(scene, first, start, goal)
 
 
 @lru_cache(maxsize=64)
-def _starts(maps: CodebookMaps, scene: int, goal: Cell) -> Ints:
-    """Flat cells that a random start is drawn from."""
+def _starts(maps: CodebookMaps, scene: int, goal: Cell, configuration: Any) -> Ints:
+    """Configurations and cells, as numbers k x C + flat cell, that a random start is drawn from:
+    all that lead to the goal, or those of one configuration.
+    """
     to_go = to_go_of(maps, scene, goal)
-    strongest = maps.strongest[scene][None]  # (1, X, Y)
-    return frozen(start_cells(np.take_along_axis(to_go, strongest, axis=0)[0], goal))
+    if configuration is not None:
+        chosen = _checked_configuration(maps, configuration)
+        kept = np.arange(len(to_go)) == chosen
+        to_go = np.where(kept[:, None, None], to_go, np.inf)
+
+    starts = [start_cells(each, goal) + k * maps.size for k, each in enumerate(to_go)]
+
+    return frozen(np.concatenate(starts))
+
+
+def _checked_configuration(maps: CodebookMaps, configuration: Any) -> int:
+    if not is_integer(configuration) or not 0 <= configuration < maps.configurations:
+        raise ValueError(
+            f"configuration={configuration!r} must be a number from 0 to {maps.configurations - 1}"
+        )
+    return int(configuration)
 
 
 def _check_cell(maps: CodebookMaps, scene: int, name: str, cell: Cell) -> None:

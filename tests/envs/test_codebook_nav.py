@@ -170,6 +170,22 @@ def test_an_episode_begins_in_the_strongest_configuration_or_in_the_one_asked_fo
             env.reset(options={"configuration": wrong})
 
 
+def test_random_starts_draw_cell_and_configuration_among_all_that_lead_to_the_goal():
+    env = make(target_db=-62.0, random_start=True)
+    drawn = {}
+    for seed in range(300):
+        _, info = env.reset(seed=seed)
+        assert np.isfinite(info["oracle_distance"])
+        assert info["margin_db"] >= 0
+        drawn.setdefault(info["configuration"], set()).add(env.unwrapped.path[0])
+    to_go = env.unwrapped.maps.to_go[0]
+    reaching = {k for k in range(6) if np.isfinite(to_go[k]).sum() > 60}
+    assert reaching <= set(drawn)
+    assert len(set.union(*drawn.values())) > 150
+    _, info = env.reset(seed=0, options={"configuration": 2})
+    assert info["configuration"] == 2
+
+
 def test_observations_tell_the_configuration_and_all_gains_here():
     env = make(observation="dict", target_db=-62.0, irs_phases=True)
     observation, info = env.reset()

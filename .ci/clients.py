@@ -29,10 +29,12 @@ CLIENTS: dict[str, tuple[str, ...]] = {
     "imitation": ("imitation==1.0.1",),  # pins gymnasium 0.29 and stable-baselines3 2.2
     "cleanrl": ("gymnasium==0.29.1", "stable-baselines3==2.2.1"),  # its pin, and the last for it
     "ray.rllib": ("ray[rllib]==2.60.0",),  # pins gymnasium 1.2
+    "mo_gymnasium": ("mo-gymnasium==1.3.2",),
+    "agents.cmdp": ("gdown==6.5.1", "seaborn==0.13.2", "typer==0.29.2", "wandb==0.31.0"),
 }
 # Installed without what they require: CleanRL's package asks for Python 3.10 and for Gym beside
-# Gymnasium.
-ALONE = {"cleanrl": ("cleanrl==1.2.0",)}
+# Gymnasium, OmniSafe for Safety-Gymnasium, which does not load on Python 3.11, and pandas 2.0.
+ALONE = {"cleanrl": ("cleanrl==1.2.0",), "agents.cmdp": ("omnisafe==0.5.0",)}
 SOURCE_ONLY = "gym"  # old, pure Python, and never published as a wheel
 CLEANRL = "https://raw.githubusercontent.com/vwxyzjn/cleanrl/fe8d8a03c41a7ef5b523e2e354bd01c363e786bb/cleanrl/ppo.py"
 

@@ -16,7 +16,7 @@ PYTHONS = ("3.11", "3.12", "3.13")
 LATEST = "gymnasium"
 OLDEST = "gymnasium==1.1.*"  # with vector environments
 OLDEST_SINGLE = ("gymnasium==0.29.*", "gymnasium==1.0.*")  # single environments alone
-NEEDED = ("pytest", "pytest-xdist", "hypothesis", "networkx", "scikit-image", "shapely")
+NEEDED = ("pytest", "pytest-xdist", "hypothesis", "networkx", "scikit-image")
 # Tests that import these read the whole checkout, or need torch, whose wheels come later than a new
 # Python.
 ABOVE_CORE = re.compile(

@@ -32,6 +32,8 @@ class Row:
         What learns. A class of Stable-Baselines3 or sb3-contrib; for one scene, also a class with
         the methods of `agents.single.q_learning.QLearning`; for many scenes, also an
         `agents.learning.map_learner.Teacher`, made of settings, network and random numbers.
+    extends
+        The class of Stable-Baselines3 that a learner of our own is derived from, as a string.
     network
         What a teacher improves, a network over maps or an explorer's; with Stable-Baselines3, what
         reads observations in front of the policy, if not its own.
@@ -43,14 +45,15 @@ class Row:
     track: Track
     config: str
     learner: str
+    extends: str | None = None
     network: str | None = None
     env: Mapping[str, Any] = field(default_factory=dict)
     training: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_sb3(self) -> bool:
-        """Whether Stable-Baselines3 or sb3-contrib has the learner."""
-        return self.learner.startswith(("stable_baselines3", "sb3_contrib"))
+        """Whether Stable-Baselines3 or sb3-contrib has the learner, or what it is derived from."""
+        return (self.extends or self.learner).startswith(("stable_baselines3", "sb3_contrib"))
 
     @property
     def is_taught(self) -> bool:
@@ -83,6 +86,21 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.maskable_ppo:MaskablePpoConfig",
         learner="sb3_contrib:MaskablePPO",
         env={"random_start": 0.7},
+    ),
+    "ppo_lagrangian": Row(
+        title="PPO-Lagrangian",
+        track="scene",
+        config="agents.single.ppo_lagrangian:PpoLagrangianConfig",
+        learner="agents.single.ppo_lagrangian:PpoLagrangian",
+        extends="stable_baselines3:PPO",
+        env={
+            "random_start": 0.7,
+            "target_db": -60.0,
+            "constraint": "budget",
+            "budget": (0.0, 26.0),
+            "on_exhausted": "continue",
+        },
+        training={"stop_at_optimum": False},  # its policies are random, and the oracle's paths not
     ),
     "dqn": Row(
         title="DQN",

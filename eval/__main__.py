@@ -10,6 +10,8 @@ from agents.runs.interruption import exit_at_once, interruptible, leave
 COMMANDS = {
     "paper": "compute every claim and figure of the paper and write docs/paper.md",
     "sionna": "trace the paper's room with Sionna RT and write docs/sionna.md",
+    "outage": "prove the outage in closed form by drawn channels and write docs/fading.md",
+    "measured": "show a measured room, its optima and PPO in it, and write docs/measured.md",
     "score": "score a trained run against the oracle and draw both paths over the map",
     "board": "put all runs below a folder on one scoreboard, with intervals over seeds",
     "ablations": (
@@ -19,6 +21,7 @@ COMMANDS = {
         "tell where a discount makes another path than the shortest the best, "
         "and write docs/shaping.md"
     ),
+    "scenes": "draw the scenes of the package and write docs/scenes.md",
     "codebook": (
         "compute how few configurations of the panel make the best path, and write docs/codebook.md"
     ),

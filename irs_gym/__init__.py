@@ -10,6 +10,8 @@ from gymnasium.envs.registration import register, registry
 if TYPE_CHECKING:
     from irs_gym.datasets.generator import Difficulty as Difficulty
     from irs_gym.datasets.generator import generate_scene as generate_scene
+    from irs_gym.envs.cost_steps import SixTuple as SixTuple
+    from irs_gym.envs.cost_steps import VectorReward as VectorReward
     from irs_gym.grid import Grid as Grid
     from irs_gym.mdp.configurations import FewestConfigurations as FewestConfigurations
     from irs_gym.mdp.configurations import cover_codebook as cover_codebook
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from irs_gym.radio.radio_map import RadioMap as RadioMap
     from irs_gym.radio.radio_map import build_phase_shifts as build_phase_shifts
     from irs_gym.radio.radio_map import build_radio_map as build_radio_map
+    from irs_gym.radio.rssi import from_rssi_histograms as from_rssi_histograms
     from irs_gym.radio.scene import Scene as Scene
     from irs_gym.radio.scene import load_scene as load_scene
     from irs_gym.radio.sionna import from_sionna as from_sionna
@@ -51,7 +54,14 @@ __version__ = "0.1.0"
 _HOMES = {
     "Difficulty": "datasets.generator",
     "generate_scene": "datasets.generator",
+    "SixTuple": "envs.cost_steps",
+    "VectorReward": "envs.cost_steps",
     "Grid": "grid",
+    "cost_map": "mdp.cost",
+    "BudgetToGo": "oracle.budget_to_go",
+    "budget_to_go": "oracle.budget_to_go",
+    "Front": "oracle.pareto_front",
+    "pareto_front": "oracle.pareto_front",
     "FewestConfigurations": "mdp.configurations",
     "cover_codebook": "mdp.configurations",
     "fewest_configurations": "mdp.configurations",
@@ -59,23 +69,19 @@ _HOMES = {
     "highest_joint_target": "oracle.joint",
     "joint_distance_to_go": "oracle.joint",
     "joint_shortest_path": "oracle.joint",
-    "cost_map": "mdp.cost",
-    "BudgetToGo": "oracle.budget_to_go",
-    "budget_to_go": "oracle.budget_to_go",
-    "Front": "oracle.pareto_front",
-    "pareto_front": "oracle.pareto_front",
     "Path": "oracle.shortest_path",
     "distance_to_go": "oracle.shortest_path",
     "highest_feasible_target": "oracle.shortest_path",
     "shortest_path": "oracle.shortest_path",
+    "outage_probability": "radio.outage",
     "Codebook": "radio.codebook",
     "codebook_gain_db": "radio.codebook",
     "dft_codebook": "radio.codebook",
     "focused_codebook": "radio.codebook",
-    "outage_probability": "radio.outage",
     "RadioMap": "radio.radio_map",
     "build_phase_shifts": "radio.radio_map",
     "build_radio_map": "radio.radio_map",
+    "from_rssi_histograms": "radio.rssi",
     "Scene": "radio.scene",
     "load_scene": "radio.scene",
     "from_sionna": "radio.sionna",

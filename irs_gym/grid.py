@@ -6,7 +6,7 @@ Points are ``(x, y)`` in metres. Moves run counter-clockwise from +x: E, NE, N, 
 """
 
 from dataclasses import dataclass
-from math import floor, sqrt
+from math import atan2, floor, pi, sqrt
 from numbers import Real
 from operator import index
 from typing import Any, TypeVar
@@ -337,6 +337,17 @@ def legal_moves(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     Shape ``(..., X, Y, 8)``, the last axis in the order of `MOVES`.
     """
     return neighbours(free, False)
+
+
+def nearest_move(x: float, y: float) -> int:
+    """Number of the move whose direction is nearest to (x, y), of any length.
+
+    Examples
+    --------
+    >>> [MOVE_NAMES[nearest_move(x, y)] for x, y in ((1.0, 0.1), (0.5, 0.6), (-2, 0), (0.1, -1))]
+    ['E', 'NE', 'W', 'S']
+    """
+    return round(atan2(y, x) / (pi / 4)) % len(MOVES)
 
 
 def octile_distance(offsets: ArrayLike) -> NDArray[np.float64]:

@@ -205,6 +205,53 @@ def as_json(tree: Any) -> bytes:
 # --- scenes ---------------------------------------------------------------------------------------
 
 
+# What a scene of format 2 has beyond one of format 1.
+FORMAT_2: list[dict[str, Any]] = [
+    {
+        "obstacles": [
+            {"polygon": [[-6, -6], [-2, -7], [-3, -3]], "height": 2.0},
+            {
+                "polygon": [[2, -6], [7, -6], [7, -2], [2, -2]],
+                "holes": [[[3, -5], [6, -5], [6, -3], [3, -3]]],
+                "height": 1.3,
+            },
+        ],
+        "path_loss": "InF-DL",
+    },
+    {
+        "obstacles": [
+            {
+                "origin": [-4, -2],
+                "cell_size": 0.5,
+                "rows": ["##..##", "######", ".#..#."],
+                "height": 2,
+            },
+            {"center": [5, 5], "size": [2, 0.2, 3]},
+        ],
+        "path_loss": {"wall_loss_db": 3.4},
+    },
+    {
+        "room": {
+            "polygon": [[-10, -10], [10, -10], [10, 4], [2, 10], [-10, 10]],
+            "holes": [[[-1, -1], [1, -1], [0, 1]]],
+            "height": 5.0,
+        },
+        "obstacles": [{"polygon": [[4, -6], [6, -6], [5, -4]], "height": 5.0}],
+        "access_points": [{"position": [-10, 5, 2]}],
+        "irs_panels": [
+            {
+                "position": [6, 7, 2],
+                "wall": 143.1301,
+                "columns": 4,
+                "rows": 3,
+                "elements_per_subsurface": [1, 5],
+                "pitch_wavelengths": 0.5,
+            }
+        ],
+    },
+]
+
+
 def scenes(folder: Path) -> Callable[[], None]:
     """Scene files, their maps and their environments."""
     from irs_gym import build_radio_map, load_scene
@@ -212,6 +259,7 @@ def scenes(folder: Path) -> Callable[[], None]:
     from irs_gym.radio.scene import load_scenes, scene_names
 
     bases = [json.loads(load_scene(name).model_dump_json()) for name in scene_names()]
+    bases += [{**bases[0], "format_version": 2, **each} for each in FORMAT_2]
     file = folder / "scene.json"
 
     @given(

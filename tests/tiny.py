@@ -25,13 +25,7 @@ TINY: dict[str, list[str]] = {
         *_RUN,
         *split("--agent.n-envs 4"),
         *([] if algorithm == "q_learning" else _NETWORK),
-        *(
-            _ON_POLICY
-            if algorithm.endswith("ppo")
-            else _OFF_POLICY
-            if algorithm.endswith("dqn")
-            else []
-        ),
+        *(_ON_POLICY if "ppo" in algorithm else _OFF_POLICY if algorithm.endswith("dqn") else []),
     ]
     for algorithm in specialists()
 }

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agents.policies.policy import Policy, takes_masks
 from irs_gym.datasets.codebook_task import CodebookTask, codebook_task_of
+from irs_gym.mdp.budget import OnExhausted
 from irs_gym.mdp.metrics import distance_ratio, soft_spl
 from irs_gym.mdp.task import Task, task_of
 
@@ -110,8 +111,9 @@ def env_id_of(task: SceneTask) -> str:
 
 
 def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
-    """The environment that policies are tested in: the task's, from its fixed start, and with the
-    least budget, which is the hardest to keep.
+    """The environment that policies are tested in: the task's, from its fixed start, with the
+    least budget, which is the hardest to keep, and where a step that it cannot pay ends the episode
+    though such steps may have been refused in training.
 
     Raises
     ------
@@ -122,7 +124,9 @@ def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
     """
     tested: SceneTask = replace(task, random_start=False)
     if isinstance(tested, Task):
-        tested = replace(tested, budget=tested.rules.least_budget)
+        on_exhausted: OnExhausted = "continue" if tested.on_exhausted == "continue" else "terminate"
+        least = tested.rules.least_budget
+        tested = replace(tested, budget=least, on_exhausted=on_exhausted)
 
     return gymnasium.make(env_id_of(task), **arguments_of(tested))
 

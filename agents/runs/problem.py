@@ -13,10 +13,11 @@ from agents.rollout.episode import SceneTask
 from irs_gym.datasets.codebook_task import CodebookTask
 from irs_gym.grid import Cell
 from irs_gym.mdp.budget import Budget, OnExhausted, range_of
-from irs_gym.mdp.cost import CostKind
+from irs_gym.mdp.cost import CostKind, cost_map
 from irs_gym.mdp.task import Constraint, ForeignMap, resolved
 from irs_gym.radio.codebook import Codebook
 from irs_gym.radio.irs import ArrayModel, Quantiser
+from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene, load_scene, scene_names
 
 PAPER_ELEMENTS = (1200,)
@@ -142,7 +143,8 @@ def problem_of(task: SceneTask) -> Problem:
         # had
         has_silence = not np.array_equal(given.free, np.isfinite(given.gain_db))
         silence = given.free.tobytes() if has_silence else b""
-        radio_map = _digest(cells + given.gain_db.tobytes() + silence)
+        outage = _outage(given, whole.target_db) if task.cost == "outage" else b""
+        radio_map = _digest(cells + given.gain_db.tobytes() + silence + outage)
     else:
         scene = _scene_name(whole.radio.scene)
         elements = tuple(panel.elements for panel in whole.radio.built_scene.irs_panels)
@@ -166,6 +168,11 @@ def problem_of(task: SceneTask) -> Problem:
         start=task.start,
         goal=task.goal,
     )
+
+
+def _outage(radio_map: RadioMap, target_db: float) -> bytes:
+    """What fading does to the optimum, where outages are paid for."""
+    return cost_map(radio_map, target_db, "outage").tobytes()
 
 
 def _in_words(budget: Budget) -> str:

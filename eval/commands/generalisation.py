@@ -17,6 +17,7 @@ from tyro.conf import Positional, arg
 from agents.registry import observation_of
 from agents.rollout.episode import TOLERANCE, roll_out
 from agents.rollout.scene_set import SceneSetResults
+from agents.runs import provenance
 from eval.estimates import estimate_as_json
 from eval.origin import commands_of, origins
 from eval.pictures import write_pictures
@@ -32,14 +33,17 @@ from eval.unseen.policy_results import (
     result_of_reference,
     result_of_runs,
 )
+from eval.unseen.pretrained_scores import score_pretrained
 from eval.unseen.scores import HARD, detours, paper_scene_set
 from eval.unseen.throughput import throughput
 from irs_gym.datasets.generator import Difficulty, generate_scene
 from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
-from irs_gym.files import write_file
+from irs_gym.files import read_file, write_file
 
 FIGURES = "figures/generalisation"
-SETS = ("test", "ood-clutter", "ood-irs", "ood-size")
+_DATA_BYTES = 2**24  # of generalisation.json
+SETS = ("test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms")
+PRETRAINED_SET = "ood-rooms"
 LARGE = "ood-size"
 LARGEST = "160x160"
 LARGEST_SCENES = 20
@@ -51,7 +55,7 @@ ScenePools = Mapping[Track, Mapping[str, SceneSet]]
 
 
 def main(
-    folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
+    folder: Annotated[Positional[Path | None], arg(metavar="[DIR]", help_behavior_hint="")] = None,
     out: Path = Path("docs"),
     num_scenes: int = 1000,
     local_large_scenes: int = 200,
@@ -61,12 +65,13 @@ def main(
     """Write generalisation.md, its data and its figures from all runs over many scenes below a
     folder.
 
-    What a run does on a set of scenes is kept in its folder, so that a second call is fast.
+    What a run does on a set of scenes is kept in its folder, so that a second call is fast. Without
+    a folder, the page stays as it is but for the pretrained models, which are scored anew.
 
     Parameters
     ----------
     folder
-        Folder with run folders, at any depth.
+        Folder with run folders, at any depth; none: the runs are those of the page.
     out
         Folder of the page.
     num_scenes
@@ -84,6 +89,11 @@ def main(
                 f"num_scenes={num_scenes}, local_large_scenes={local_large_scenes} and jobs={jobs}"
             )
             raise ValueError(f"{given} must be 1 or more")
+
+        if folder is None:
+            rewrite(out, num_scenes)
+            print(f"written: {out / 'generalisation.md'}")
+            return 0
 
         runs, left_out = find_generalists(folder)
         if not runs:
@@ -108,6 +118,7 @@ def main(
             for name in PAGE_REFERENCES
         ]
         record = record_of(entrants, left_out, pools)
+        record["pretrained"] = _pretrained(num_scenes)
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
         figures = {
             "scenes.png": draw_scenes_curve(record["entrants"]),
@@ -123,6 +134,22 @@ def main(
     print(f"{played} runs, {len(left_out)} left out; written: {out / 'generalisation.md'}")
 
     return 0
+
+
+def rewrite(out: Path, num_scenes: int) -> None:
+    """Score the pretrained models on scenes of their own set, and put them on the page that is
+    there.
+    """
+    content = read_file(out / "generalisation.json", _DATA_BYTES)
+    record = json.loads(content)
+    record["pretrained"] = _pretrained(num_scenes)
+    write(record, {}, out)
+
+
+def _pretrained(num_scenes: int) -> dict[str, Any]:
+    torch.set_num_threads(1)
+    scores = score_pretrained(PRETRAINED_SET, build_scene_set(PRETRAINED_SET, num_scenes))
+    return {**scores, "commit": provenance.commit()}
 
 
 def write(record: dict[str, Any], figures: dict[str, bytes], out: Path) -> None:

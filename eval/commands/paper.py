@@ -88,6 +88,11 @@ def check_study(study: Study, cost: bool, draws: int) -> None:
             f"scene {scene.name!r} has {access_points} access points and {panels} panels, "
             "not 1 and 1"
         )
+    if scene.format_version != 1:
+        raise ValueError(
+            f"scene {scene.name!r} has format_version {scene.format_version}: the paper's claims "
+            "are about boxes in a rectangle, which is format 1"
+        )
     if draws < 2 * monte_carlo.BATCH:
         raise ValueError(f"draws={draws} must be {2 * monte_carlo.BATCH} or more")
 

@@ -38,6 +38,8 @@ from eval.unseen.scores import (
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.files import read_file, write_file
 
+SplitName = Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms"]
+
 
 def main(
     runs: Annotated[
@@ -47,9 +49,9 @@ def main(
     episodes: int = 100,
     seed: int = 0,
     env: Literal["IrsNav-v0", "IrsNavRandom-v0"] | None = None,
-    split: tuple[Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size"], ...] = (
-        "test",
-    ),
+    split: tuple[
+        Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms"], ...
+    ] = ("test",),
     num_scenes: int = 1000,
     scenes: Path | None = None,
 ) -> int:

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Patch, PathPatch, Rectangle
+from matplotlib.path import Path as Outline
 
 from irs_gym import Scene
 from irs_gym.files import write_file
@@ -84,15 +86,34 @@ def minus(number: float) -> str:
     return f"{number:g}".replace("-", "\N{MINUS SIGN}")
 
 
+def _outline(shape: Any) -> Outline:
+    """The rings of a ``shapely`` area as one path, each closed."""
+    polygons = shapely.get_parts(shape)
+    rings = [ring for each in polygons for ring in (each.exterior, *each.interiors)]
+    return Outline.make_compound_path(*(Outline(ring.coords[:], closed=True) for ring in rings))
+
+
 def draw_floor(axes: Axes, scene: Scene) -> None:
     """Room, obstacles, access points, panels, start and goal, seen from above."""
     room = scene.room
 
-    for n, box in enumerate(scene.obstacles):
-        corner = box.lower[:2]
-        width, depth, _ = box.size
-        label = "obstacle" if n == 0 else None  # once in the legend
-        axes.add_patch(Rectangle(corner, width, depth, zorder=2, label=label, **OBSTACLE))
+    boxes = scene.floor.boxes
+    corners = zip(boxes.lower.tolist(), (boxes.upper - boxes.lower).tolist(), strict=True)
+    patches: list[Patch] = [
+        Rectangle((x, y), width, depth, zorder=2, **OBSTACLE)
+        for (x, y, _), (width, depth, _) in corners
+    ]
+    patches += [
+        PathPatch(_outline(shape), zorder=2, **OBSTACLE)
+        for shape in scene.floor.footprints[len(boxes.lower) :]
+    ]
+    for patch in patches:
+        axes.add_patch(patch)
+    if patches:
+        patches[0].set_label("obstacle")  # once in the legend
+
+    if scene.floor.room is not None:
+        axes.add_patch(PathPatch(_outline(scene.floor.room), zorder=3, fill=False))
 
     for style, points, label in (
         (ACCESS_POINT, [each.position for each in scene.access_points], "AP"),

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from eval.paper.claim import ELEMENTS_AT_DB, PATHS_AT_DB, Claim, statement
 from eval.paper.segments import dips_of_map, dips_of_path
 from eval.paper.study import CONTINUOUS, ONE_BIT, WITHOUT, Study
-from irs_gym.radio.geometry import is_line_of_sight
 from irs_gym.radio.irs import Hardware, channel
 from irs_gym.units import Floats, linear_to_db
 
@@ -31,7 +30,7 @@ def _obstacles_are_minus_infinity(study: Study) -> Claim:
 def _shadows_are_abrupt(study: Study) -> Claim:
     without = study.radio_map(WITHOUT)
     access_point = study.scene.access_points[0].position
-    is_clear = is_line_of_sight(study.antennas(), access_point, study.scene.boxes)  # (X, Y)
+    is_clear = study.scene.floor.is_line_of_sight(study.antennas(), access_point)  # (X, Y)
     drops_db = _drops_at_shadows(without.gain_db, without.free, is_clear)
 
     return statement(

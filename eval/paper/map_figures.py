@@ -30,7 +30,7 @@ from eval.paper.figures import (
 from eval.paper.study import CONTINUOUS, ONE_BIT, WITHOUT, Study
 from irs_gym import Path as Route
 from irs_gym import RadioMap, Scene
-from irs_gym.radio.scene import IrsPanel
+from irs_gym.radio.scene import IrsPanel, Obstacle
 from irs_gym.units import Floats, wavelength_m
 
 # Of a box's 8 corners, the bits of whose numbers are x, y and z: x low, x high, y low, y high ...
@@ -113,7 +113,9 @@ def _outline(panel: IrsPanel, scene: Scene) -> Floats:
 
 def _parts(scene: Scene) -> list[tuple[object, ...]]:
     rows: list[tuple[object, ...]] = [
-        ("obstacle", *box.center, box.size[2] / 2, *box.size) for box in scene.obstacles
+        ("obstacle", *box.center, box.size[2] / 2, *box.size)
+        for box in scene.obstacles
+        if isinstance(box, Obstacle)
     ]
     rows += [("access point", *each.position, "", "", "") for each in scene.access_points]
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eval.estimates import estimate_cell
-from eval.markdown import code, table, template, text
+from eval.markdown import code, table, template, template_sections, text
 from eval.origin import commands_block, origin_text
 from eval.pictures import as_png
 from eval.unseen.policy_results import is_point
@@ -19,6 +19,7 @@ KINDS = {  # of scenes, by the name of a set
     "ood-clutter": "13 to 24 boxes, more than in any training scene",
     "ood-irs": "no panel, two, or one with fewer or more elements than any training scene's",
     "ood-size": "twice the sides, and as many boxes for the area",
+    "ood-rooms": "walls with doors: 4 to 10 rooms, and 4 boxes at most",
     "paper": "the paper's scene at five targets",
 }
 LARGEST_KIND = "four times the sides, and as many boxes for the area"
@@ -47,6 +48,7 @@ def unseen_page(record: Mapping[str, Any], figures: str) -> str:
         large_scenes=sets["local"]["ood-size"]["scenes"],
         local_scores=_scores_table(local),
         local_elsewhere=_elsewhere_table(local, sets["local"]),
+        pretrained=_pretrained_section(record.get("pretrained")),
         paper=_paper_table([*on_map, *local]),
         curve=_curve_table(record["entrants"]),
         figures=figures,
@@ -117,6 +119,37 @@ def _sets_rows(sets: Mapping[str, Any]) -> str:
         )
 
     return "\n".join(rows)
+
+
+def _pretrained_section(found: Mapping[str, Any] | None) -> str:
+    """How the models that come with the package do on the set of rooms; nothing where it was not
+    asked.
+    """
+    if found is None:
+        return ""
+
+    header = (
+        *("policy", "sees", "success", "SPL", "ratio", "exact"),
+        *("success, hard", "SPL, hard"),
+    )
+    rows = [
+        (
+            text(each["name"]),
+            "the map" if each["track"] == "map" else "a patch",
+            *(_plain_cell(each["all"][name]) for name in ("success", "spl", "ratio", "exact")),
+            *(_plain_cell(each["hard"][name]) for name in ("success", "spl")),
+        )
+        for each in found["rows"]
+    ]
+
+    section = template_sections("rooms.md")["Rooms with doors"].strip()
+    return section.format(
+        set=found["set"], scenes=found["scenes"], hard=found["hard"], rows=table(header, rows)
+    )
+
+
+def _plain_cell(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4f}"
 
 
 def _is_local(entrants: Sequence[Mapping[str, Any]]) -> bool:

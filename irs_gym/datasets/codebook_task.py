@@ -33,7 +33,6 @@ from irs_gym.oracle.joint import (
     joint_distance_to_go,
 )
 from irs_gym.radio.codebook import Codebook, codebook_gain_db, dft_codebook, focused_codebook
-from irs_gym.radio.geometry import is_in_footprint
 from irs_gym.radio.irs import ArrayModel, Quantiser
 from irs_gym.radio.radio_map import RadioModel
 from irs_gym.radio.scene import Scene, load_scenes
@@ -367,7 +366,7 @@ def design(
         cell_size = radio.cell_size
         return cover_codebook(scene, size, target_db, cell_size, None, *hardware, start, goal)
 
-    free = ~is_in_footprint(radio.grid.centres().reshape(-1, 2), scene.boxes)
+    free = ~scene.floor.is_covered(radio.grid.centres().reshape(-1, 2))
     cells = spread_cells(free.reshape(radio.grid.shape), start, size)
 
     return focused_codebook(scene, cells, radio.cell_size, None, *hardware)

@@ -9,21 +9,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from irs_gym.datasets.floor_plan import draw_walls
 from irs_gym.datasets.solved_scene import SolvedScene
 from irs_gym.grid import Cell, Grid, as_cell, checked_point
 from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target, largest_component
+from irs_gym.radio.fields import Point3, Wall
 from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
 from irs_gym.radio.radio_map import RadioMap, build_radio_map
-from irs_gym.radio.scene import (
-    AccessPoint,
-    IrsPanel,
-    Obstacle,
-    Point3,
-    Room,
-    Scene,
-    Wall,
-    load_scene,
-)
+from irs_gym.radio.scene import AccessPoint, IrsPanel, Obstacle, Room, Scene, load_scene
+from irs_gym.radio.shapes import PolygonRoom
 from irs_gym.units import wavelength_m
 
 # Of what is drawn from a seed, and of its map. Whoever changes either makes other scenes of all
@@ -34,6 +28,7 @@ CELL_SIZE = 0.5  # metres: of the map that makes a scene feasible
 RASTER = 0.25  # metres: edges of boxes
 LONGEST = 200.0  # metres: the greatest side of a room
 MOST_BOXES = 1000
+MOST_ROOMS = 100
 FACTORIES = 10_000  # drawn before a difficulty is given up
 TRIES = 12  # tasks tried in one factory, whose map costs more than they
 LEAST_FLOOR = 0.4  # of the room: the largest piece of floor that a robot can drive on
@@ -75,6 +70,10 @@ class Difficulty:
     """Probability that a scene is drawn until it has a detour; the others are as they come, some
     with one, too.
     """
+    rooms: Range | None = None
+    """Least and greatest number of rooms that walls with doors divide the floor into, on top of the
+    boxes; None: no walls.
+    """
 
     def __post_init__(self) -> None:
         low, high = checked_point(self.sides, "sides")
@@ -92,6 +91,13 @@ class Difficulty:
             or not all(each in (*_ELEMENTS,) for each in self.panels)
         ):
             raise ValueError(f"panels={self.panels} must hold some of {tuple(_ELEMENTS)}")
+
+        if self.rooms is not None:
+            least, most = as_cell(
+                self.rooms, "rooms", "two integers, the least and the greatest number of rooms"
+            )
+            if not 1 <= least <= most <= MOST_ROOMS:
+                raise ValueError(f"rooms={self.rooms} must rise, from 1 to {MOST_ROOMS} at most")
 
         for name in ("detour", "detour_share"):
             value = getattr(self, name)
@@ -174,7 +180,7 @@ def draw_solved_scene(
     raise ValueError(f"difficulty={difficulty}: none of {FACTORIES} factories has such a task")
 
 
-def least_distance(room: Room) -> float:
+def least_distance(room: Room | PolygonRoom) -> float:
     """Metres that start and goal are apart at least, centre to centre: half the mean of the room's
     sides.
     """
@@ -193,6 +199,8 @@ def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
         x_min=-half_x, x_max=half_x, y_min=-half_y, y_max=half_y, height=_step(rng, 4.0, 8.0, 0.5)
     )
     obstacles = tuple(_draw_box(rng, room) for _ in range(_whole(rng, *level.boxes)))
+    if level.rooms is not None:
+        obstacles += draw_walls(rng, room, _whole(rng, *level.rooms), CELL_SIZE)
     walls = _shuffled(rng, WALLS)
     access_point = AccessPoint(position=_on_wall(rng, room, walls[0], 1.5, room.height - 0.5))
     kinds = _ELEMENTS[level.panels[_whole(rng, 0, len(level.panels) - 1)]]
@@ -326,7 +334,7 @@ def _floor(grid: Grid, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
 def _draw_task(rng: np.random.Generator, factory: Scene, detour: float) -> SolvedScene | None:
     """The factory with a task whose detour is above the one given; None where none was found."""
     radio_map = build_radio_map(factory, CELL_SIZE)
-    floor_cells = _floor(radio_map.grid, factory.obstacles)  # (X, Y)
+    floor_cells = largest_component(radio_map.free)  # (X, Y)
     # the highest target that excludes no cell of the floor
     loosest = float(radio_map.gain_db[floor_cells].min())
     cells = np.argwhere(floor_cells)

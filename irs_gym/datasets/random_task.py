@@ -69,8 +69,8 @@ class RandomTask:
     Needed with ``constraint="budget"``, and refused with any other.
     """
     on_exhausted: OnExhausted = Task.on_exhausted
-    """What happens where a robot has spent more than its budget: the episode ends as a failure, or
-    continues, and the cost is only counted.
+    """What happens at a step that the budget cannot pay: it ends the episode as a failure, the
+    episode continues and the cost is only counted, or the step is refused.
     """
     random_start: float = Task.random_start
     """Probability of a start drawn among the cells from which the goal can be reached; True is 1.

@@ -142,6 +142,10 @@ def definition_of(split: str, first: int, count: int) -> str:
     """All that the content of a shard depends on, in one line."""
     # the versions, so that a shard of older formulas or another generator is not taken for it
     chosen = split_of(split)
+    difficulty = asdict(chosen.difficulty)
+    if difficulty["rooms"] is None:  # shards of before there were any are as good as new ones
+        del difficulty["rooms"]
+
     return json.dumps(
         {
             "format_version": 1,
@@ -149,7 +153,7 @@ def definition_of(split: str, first: int, count: int) -> str:
             "physics_version": PHYSICS_VERSION,
             "split": split,
             "number": chosen.number,
-            "difficulty": asdict(chosen.difficulty),
+            "difficulty": difficulty,
             "first": first,
             "count": count,
             "frame": chosen.frame,

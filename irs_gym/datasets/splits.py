@@ -52,6 +52,8 @@ SPLITS = {
         difficulty=Difficulty(sides=(28.0, 40.0), boxes=(12, 48)),
         frame=(80, 80),
     ),
+    # walls with doors, and little else in the way
+    "ood-rooms": Split(number=6, size=1000, difficulty=Difficulty(rooms=(4, 10), boxes=(0, 4))),
 }
 
 

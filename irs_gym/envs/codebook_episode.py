@@ -122,7 +122,7 @@ class CodebookEpisode:
             cell=self._state,
             distance=self._distance,
             budget=0.0,
-            spent=0.0,
+            budget_left=0.0,
             refused=self._refused,
             has_violated=self._has_violated,
             is_running=self.is_running,

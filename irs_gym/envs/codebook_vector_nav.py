@@ -250,6 +250,7 @@ class _EpisodeSampler:
         self.packing = self.transition_model.packing
         self.is_random = is_many or bool(maps.rules.random_start)
         self.rules = maps.rules
+        self.cell_size = maps.cell_size
         self.is_violable = maps.rules.constraint == "allow"
         self.map_shape = maps.shape
         self.info_values = codebook_values(has_many_scenes=is_many)

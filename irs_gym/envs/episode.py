@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell, as_cell
 from irs_gym.mdp.action_values import optimal_q
-from irs_gym.mdp.budget import amount_left, choose_budget, scaled_amount
+from irs_gym.mdp.budget import can_pay, choose_budget, cleared, scaled_amount
 from irs_gym.mdp.checks import checked_action
 from irs_gym.mdp.dynamics import (
     ACTIONS,
@@ -19,6 +19,7 @@ from irs_gym.mdp.dynamics import (
     optimal_moves_within,
     oracle_path,
     paid_at_start,
+    refused_reward,
     tables_for,
     transition_table,
 )
@@ -30,6 +31,8 @@ from irs_gym.mdp.task import Rules, World
 from irs_gym.oracle.shortest_path import Path, flat_cell, optimal_moves
 from irs_gym.rendering.episode_view import RENDERERS, view_of
 from irs_gym.vector.infos import BUDGET_VALUES, KEYS
+
+_COST = Transition._fields.index("cost")
 
 
 class Episode:
@@ -60,7 +63,8 @@ class Episode:
         self._cell = world.radio_map.grid.flat(start)
         self._cells = [self._cell]  # flat indices
         self._budget = budget
-        self._spent = float(paid_at_start(world, self._cell))
+        self._start_cost = float(paid_at_start(world, self._cell))
+        self._left = None if budget is None else _less(budget, self._start_cost)
         self._oracle_distance = self.distance_to_go
         self._distance = 0.0
         self._refused = 0
@@ -83,14 +87,9 @@ class Episode:
         """
         return float(metres_to_go(self.world, self.goal, self._cell, self._left))
 
-    @property
-    def _left(self) -> float | None:
-        """What is left of the budget; None without one."""
-        return None if self._budget is None else float(amount_left(self._budget, self._spent))
-
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused in this cell, bool ``(8,)``."""
-        return np.asarray(self.tables.action_mask[self._cell], dtype=bool)
+        return self._mask().astype(bool)
 
     def optimal_actions(self, cell: Any = None) -> NDArray[np.int64]:
         """See `irs_gym.envs.nav.IrsNavEnv.optimal_actions`."""
@@ -125,7 +124,7 @@ class Episode:
             cell=self._cell,
             distance=self._distance,
             budget=self._budget or 0.0,
-            spent=self._spent,
+            budget_left=self._left or 0.0,
             refused=self._refused,
             has_violated=self._has_violated,
             is_running=self.is_running,
@@ -133,7 +132,7 @@ class Episode:
 
     def opening(self) -> tuple[Any, dict[str, Any]]:
         """What a reset returns: the first observation and its info."""
-        return self._observe(), self._info(cost=self._spent)
+        return self._observe(), self._info(cost=self._start_cost)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move once; returns what an environment's step does."""
@@ -144,6 +143,9 @@ class Episode:
 
         entry = self._cell * ACTIONS + checked_action(action)
         outcome: Any = self.tables.transition.item(entry)
+        if self._cannot_pay(outcome[_COST]):
+            outcome = self._refused_outcome(action)
+
         next_cell, reward, moved, is_refused, cost, is_terminated, is_at_goal = outcome
         self._cells.append(next_cell)
         self._cell = next_cell
@@ -159,6 +161,28 @@ class Episode:
 
         return self._observe(), reward, is_terminated, False, info
 
+    def _cannot_pay(self, cost: float) -> bool:
+        """Whether a step is refused, since the budget cannot pay it."""
+        if self._left is None or self.world.rules.on_exhausted != "refuse":
+            return False
+        return not can_pay(self._left, cost)
+
+    def _refused_outcome(self, action: Any) -> tuple[Any, ...]:
+        """The transition of a move that the budget refuses: the robot stays, and pays nothing."""
+        cell_size = self.world.radio_map.grid.cell_size
+        reward = float(refused_reward(self.world.rules, int(action), cell_size))
+
+        return self._cell, reward, 0.0, True, 0.0, False, False
+
+    def _mask(self) -> NDArray[np.int8]:
+        """1 where an action is not refused, ``(8,)``; in memory of its own."""
+        mask: NDArray[np.int8] = self.tables.action_mask[self._cell].copy()
+        if self._left is not None and self.world.rules.on_exhausted == "refuse":
+            entries = self._cell * ACTIONS + np.arange(ACTIONS)
+            mask &= can_pay(self._left, self.tables.transition["cost"].take(entries))
+
+        return mask
+
     def _pay(
         self, cost: float, reward: float, is_terminated: bool, is_at_goal: bool
     ) -> tuple[float, bool]:
@@ -167,8 +191,9 @@ class Episode:
         Where the budget is exhausted, it may end, and then it is a failure, at the goal as well.
         """
         rules = self.world.rules
-        self._spent += cost
-        self._has_violated = self._left is not None and self._left < 0
+        assert self._left is not None
+        self._left = _less(self._left, cost)
+        self._has_violated = self._left < 0
         if not self._has_violated or rules.on_exhausted == "continue":
             return reward, is_terminated
 
@@ -177,7 +202,10 @@ class Episode:
     def _observe(self) -> Any:
         observation = self.observer.observe(self._cell)
         if self._left is not None:
-            self.observer.packing.set_budget(observation, scaled_amount(self._left))
+            packing = self.observer.packing
+            packing.set_budget(observation, scaled_amount(self._left))
+            if packing.observation == "masked":
+                observation["action_mask"][:] = self._mask()
 
         return observation
 
@@ -203,7 +231,7 @@ class Episode:
             "distance_to_go": distance_to_go,
             "gain_db": gain_db,
             "margin_db": margin_db,
-            "action_mask": self.tables.action_mask[self._cell].copy(),
+            "action_mask": self._mask(),
             "is_refused": is_refused,
             "cost": cost,
             "is_success": is_success,
@@ -218,6 +246,11 @@ class Episode:
             del info[key]
 
         return info
+
+
+def _less(left: float, cost: float) -> float:
+    """What a cost leaves of a budget."""
+    return float(cleared(np.asarray(left - cost)))
 
 
 def option_names(rules: Rules) -> tuple[str, ...]:
@@ -267,7 +300,7 @@ def resume(
     ends = grid.cell_at(snapshot.start), grid.cell_at(snapshot.goal)
     budget = None if world.cost is None else snapshot.budget
     episode = Episode(world, *ends, keys, budget)
-    episode._spent = snapshot.spent
+    episode._left = None if budget is None else snapshot.budget_left
     episode._cell = snapshot.cell
     episode._cells = [grid.flat(cell) for cell in path] or [snapshot.cell]
     episode._distance = snapshot.distance

@@ -92,11 +92,14 @@ class IrsNavEnv(gymnasium.Env[Any, int]):
     ``info["cost"]``, out of ``budget``, of which ``info["budget_left"]`` is left. Where more is
     spent than there is, the episode terminates as a failure, without the goal's bonus; under
     ``on_exhausted="continue"`` it goes on, rewards stay what they are, and a success is to reach
-    the goal within the budget. A budget of ``(low, high)`` is drawn anew at each reset;
-    ``reset(options={"budget": b})`` sets it for one episode, up to the largest of the task. The
-    oracle, its distance, SPL and ratio are those of the shortest path within the budget, exact for
-    each start and budget; starts are drawn among the cells that have such a path. Costs are charged
-    in multiples of 2**-36, so that sums are exact, and a budget may be overdrawn by 1e-9.
+    the goal within the budget; under ``"refuse"`` such a step leaves the robot where it is, for
+    nothing but the metres of the move, and masks tell of it.
+
+    A budget of ``(low, high)`` is drawn anew at each reset; ``reset(options={"budget": b})`` sets
+    it for one episode, up to the largest of the task. The oracle, its distance, SPL and ratio are
+    those of the shortest path within the budget, exact for each start and budget; starts are drawn
+    among the cells that have such a path. Costs are charged in multiples of 2**-36, so that their
+    sums are exact, and a budget may be overdrawn by 1e-9.
 
     ## Info
     The same keys at the reset and at every step, as plain numbers and arrays:

@@ -196,6 +196,7 @@ class _EpisodeSampler:
         self.packing = self.transition_model.packing
         self.is_violable = worlds.task.constraint == "allow"
         self.rules = worlds.task.rules
+        self.cell_size = worlds.pool.cell_size
         self.map_shape = self.transition_model.shape
 
     def begin(
@@ -221,7 +222,7 @@ class _EpisodeSampler:
             self.worlds.choose(scene_ids[i], each)
             for i, each in zip(chosen.tolist(), rngs, strict=True)
         ]
-        amounts = [None] * len(numbers) if budgets is None else budgets[chosen].tolist()
+        amounts = [None] * len(numbers) if budgets is None else budgets.tolist()
         if given or is_below(amounts, self.rules.least_budget):
             starts, goals = self._given_ends(numbers, given, rngs, amounts)
         else:

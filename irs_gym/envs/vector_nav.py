@@ -208,6 +208,7 @@ class _EpisodeSampler:
         self.is_random = bool(world.rules.random_start)
         self.is_violable = world.rules.constraint == "allow"
         self.rules = world.rules
+        self.cell_size = world.radio_map.grid.cell_size
         self.map_shape = world.radio_map.grid.shape
         self._goals: list[Cell] = [world.goal] * num_envs
 
@@ -251,7 +252,7 @@ class _EpisodeSampler:
         own = start or self.world.start
         grid = self.world.radio_map.grid
         fixed = grid.flat(own)
-        amounts = [None] * len(chosen) if budgets is None else budgets[chosen].tolist()
+        amounts = [None] * len(chosen) if budgets is None else budgets.tolist()
 
         # The world's own ends were checked with its least budget, and cells are drawn among those
         # that reach the goal; others are checked now.

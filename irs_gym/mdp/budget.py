@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 Budget = float | tuple[float, float]  # one for all episodes, or the range each is drawn from
-OnExhausted = Literal["terminate", "continue"]
+OnExhausted = Literal["terminate", "continue", "refuse"]
 
 # A robot may overdraw by this much: what a user hands over may be a sum in another order.
 SLACK = 1e-9
 # Costs are whole multiples of this, so that their sums are exact in any order, up to 2**17.
 _UNIT = 2.0**-36
+_MOST = 1e9  # where nothing is received, a deficit has no bound
 
 
 def checked_budget(budget: Any) -> Budget | None:
@@ -77,7 +78,8 @@ def is_below(budgets: Sequence[float | None], least: float | None) -> bool:
 
 
 def payable(cost: Floats) -> Floats:
-    """Costs, of any shape, as environments charge them: the nearest multiples of 2**-36.
+    """Costs, of any shape, as environments charge them: the nearest multiples of 2**-36, 1e9 at the
+    most.
 
     Examples
     --------
@@ -88,20 +90,35 @@ def payable(cost: Floats) -> Floats:
     >>> bool(a + b + c == c + b + a), bool(abs(a - 0.1) < 1e-11)
     (True, True)
     """
-    return np.asarray(np.rint(cost / _UNIT) * _UNIT)
+    return np.asarray(np.minimum(np.rint(cost / _UNIT) * _UNIT, _MOST))
 
 
-def amount_left(budget: ArrayLike, spent: ArrayLike) -> Floats:
-    """What is left of budgets, of any shape: below 0 where they are exhausted.
+def cleared(left: Floats) -> Floats:
+    """What is left of budgets ``(n,)``, with 0 where they are overdrawn by no more than `SLACK`.
+
+    The array itself where nothing is overdrawn, else another.
 
     Examples
     --------
-    >>> amount_left([1.0, 1.0, 1.0], [0.25, 1.0 + 1e-12, 1.5]).tolist()
+    >>> cleared(np.array([0.75, -1e-12, -0.5])).tolist()
     [0.75, 0.0, -0.5]
     """
-    left = np.subtract(budget, spent)
-    is_rounding = np.abs(left) <= SLACK
-    return np.where(is_rounding, 0.0, left) if is_rounding.any() else np.asarray(left)
+    is_overdrawn = left < 0
+    if not np.count_nonzero(is_overdrawn):
+        return left
+
+    return np.where(is_overdrawn & (left >= -SLACK), 0.0, left)
+
+
+def can_pay(left: ArrayLike, cost: ArrayLike) -> NDArray[np.bool_]:
+    """Whether what is left of budgets covers costs; both broadcast to one shape.
+
+    Examples
+    --------
+    >>> can_pay(1.0, [0.5, 1.0 + 1e-12, 1.5]).tolist()
+    [True, True, False]
+    """
+    return np.asarray(np.subtract(left, cost) >= -SLACK)
 
 
 def scaled_amount(left: ArrayLike) -> NDArray[np.float32]:
@@ -111,8 +128,8 @@ def scaled_amount(left: ArrayLike) -> NDArray[np.float32]:
 
     Examples
     --------
-    >>> scaled_amount([0.0, 1.0, 3.0, -1.0, -np.inf]).tolist()
-    [0.0, 0.5, 0.75, -0.5, -1.0]
+    >>> scaled_amount([0.0, 1.0, 3.0, -1.0]).tolist()
+    [0.0, 0.5, 0.75, -0.5]
     """
-    left = np.maximum(left, -1e30)  # minus infinity as well is -1
+    left = np.asarray(left)
     return np.asarray(left / (1.0 + np.abs(left)), dtype=np.float32)

@@ -113,6 +113,11 @@ def judged(
     return is_open, np.where(is_open, ~keeps_target, ~is_feasible)
 
 
+def refused_reward(rules: Rules, actions: Any, cell_size: float) -> Any:
+    """Rewards of moves that are refused: their metres, for nothing."""
+    return reward(rules, MOVE_LENGTHS[actions] * cell_size, 0.0, 0.0, False)
+
+
 def next_cells(cells: Ints, actions: Ints, is_legal: Bools, shape: tuple[int, int]) -> Ints:
     """Flat cells that actions lead to from flat cells: of a refused action, the same cell.
 

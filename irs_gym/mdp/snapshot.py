@@ -26,8 +26,8 @@ class Snapshot(NamedTuple):
     cell: int
     distance: float  # metres travelled
     refused: int
-    budget: float  # total cost that the episode may come to, and what it has come to; 0 without one
-    spent: float
+    budget: float  # total cost that the episode may come to, and what is left; 0 without one
+    budget_left: float
     has_violated: bool
     is_running: bool
     # where the panel is switched, and configurations are part of start and cell

@@ -4,16 +4,12 @@ from math import inf
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell, as_cell, checked_cell_size, checked_map
 from irs_gym.memory import check_memory
 from irs_gym.oracle.shortest_path import shortest_path
-
-try:
-    import shapely
-except ModuleNotFoundError:  # an optional extra
-    shapely = None
 
 _CELL_BYTES = 2000  # for each cell: a square, joined with the others
 _SIGHT_BYTES = 100  # gone over for each pair of corners
@@ -31,8 +27,7 @@ def straight_line_bound(
     Cells are closed squares: the path may run along their borders, and pass between two that touch
     at a corner only, as the paper's moves do. It is never longer than the oracle's, and the
     straight line where nothing is in the way. Such a path bends at corners of the infeasible area
-    only, so it is the shortest one in the visibility graph of those corners. Needs shapely (``pip
-    install "irs_gym[geometry]"``).
+    only, so it is the shortest one in the visibility graph of those corners.
 
     Parameters
     ----------
@@ -52,8 +47,6 @@ def straight_line_bound(
     ValueError
         As `irs_gym.oracle.shortest_path.shortest_path`, and where the map has more corners than can
         be searched.
-    ModuleNotFoundError
-        Where shapely is not installed.
 
     Examples
     --------
@@ -64,11 +57,6 @@ def straight_line_bound(
     >>> round(shortest_path(feasible, (0, 0), (4, 1), cell_size=0.5).distance, 3)
     2.207
     """
-    if shapely is None:
-        raise ModuleNotFoundError(
-            'straight_line_bound needs shapely: pip install "irs_gym[geometry]"'
-        )
-
     feasible = checked_map(feasible, "feasible", "b", _CELL_BYTES)
     cell_size = checked_cell_size(cell_size)
     start = as_cell(start, "start")

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from irs_gym.files import as_path, read_arrays, write_file
 from irs_gym.grid import Cell, as_cell
 from irs_gym.memory import check_memory, freeze
-from irs_gym.radio.geometry import is_in_footprint
 from irs_gym.radio.irs import ArrayModel, Quantiser, channel
 from irs_gym.radio.radio_map import (
     BLOCK,
@@ -446,7 +445,7 @@ def _antennas(model: RadioModel, cells: ArrayLike) -> Floats:
         raise ValueError(f"cells[{off}]={places[off]} lies off the map of {grid.shape} cells")
 
     floor = np.array([grid.centre(cell) for cell in places])  # (K, 2)
-    inside = np.flatnonzero(is_in_footprint(floor, model.built_scene.boxes))
+    inside = np.flatnonzero(model.built_scene.floor.is_covered(floor))
     if len(inside):
         raise ValueError(f"cells[{inside[0]}]={places[inside[0]]} lies inside an obstacle")
 
@@ -504,7 +503,7 @@ def _check_memory(model: RadioModel, cells: int, results: int, width: int) -> No
     check_memory(
         f"codebook: {links} links past {len(scene.obstacles)} obstacles to each of {cells:,} cells",
         0,
-        float(cells) * links * (1 + len(scene.obstacles)) * LINK_BYTES,
+        float(cells) * links * (1 + scene.floor.tests) * LINK_BYTES,
     )
 
 

@@ -18,6 +18,7 @@ from irs_gym.units import Floats, db_to_linear, linear_to_db
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)  # on [-1, 1]
 _BLOCK = 2**12  # cells in work at a time, with some arrays of cells x nodes
 _STEADY = 1e-30  # of the power: with less scatter than this the gain is one number
+_LARGEST_DB = 1000
 _ROUNDING = 1e-9  # of the sum of a histogram
 
 
@@ -83,9 +84,9 @@ class RicianFading:
         los = self.los_gain.ravel()
         scattered = self.scattered_gain.ravel()
 
-        # a step; 0 - 0 tells cells that receive nothing
+        # a step, and always where nothing is received
         outage = np.where(los < threshold, 1.0, 0.0)
-        outage[los + scattered == 0] = 1.0
+        outage[(los == 0) & (scattered == 0)] = 1.0
         fades = np.flatnonzero(scattered > _STEADY * np.maximum(los, threshold))
 
         for first in range(0, len(fades), _BLOCK):
@@ -128,8 +129,11 @@ class MeasuredFading:
     def __post_init__(self) -> None:
         levels = _numbers(self.levels_db, "levels_db")
         shares = _numbers(self.shares, "shares")
-        if levels.ndim != 1 or not levels.size or not (np.diff(levels) > 0).all():
-            raise ValueError("levels_db must be a row of increasing numbers of dB")
+        is_row = levels.ndim == 1 and levels.size > 0 and (np.abs(levels) <= _LARGEST_DB).all()
+        if not is_row or not (np.diff(levels) > 0).all():
+            raise ValueError(
+                f"levels_db must be a row of increasing numbers of dB, none beyond {_LARGEST_DB}"
+            )
         if shares.ndim != 3 or shares.shape[2] != len(levels):
             raise ValueError(
                 f"shares has the shape {shares.shape}, and must be (X, Y, {len(levels)})"
@@ -223,7 +227,7 @@ def _noncentral_chi_square(x: Floats, noncentrality: Floats) -> Floats:
     # scipy.stats.ncx2 loses all digits of probabilities below 1e-100, takes 5 ms for one at a
     # noncentrality of 1e10, and gives NaN at 1e14.
     a = np.sqrt(noncentrality)  # (n,)
-    b = np.sqrt(np.minimum(x, 1e300))  # (n,)
+    b = np.sqrt(x)  # (n,)
     beyond = (noncentrality - b * b) / np.maximum(a + b, 1e-150)  # (n,): a - b, to its last digits
     downwards = (b <= a) | (b < 2)
     width = 80 / (np.abs(beyond) + np.sqrt(beyond**2 + 80))  # (n,)

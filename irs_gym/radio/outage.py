@@ -22,9 +22,11 @@ def outage_probability(
 
     The phase shifts are those of `irs_gym.build_radio_map`: they follow the expected gain, not the
     fading. The channel is then a fixed line-of-sight part and a scattered part of power tau (Lemma
-    1), which is complex Gaussian but for the product of the two scattered channels of each panel: a
-    sum over its M elements, Gaussian to O(1/M). ``docs/fading.md`` tells from which M on that
-    holds. See `irs_gym.radio.fading.RicianFading.outage` for the formula.
+    1), which is complex Gaussian but for the product of the two scattered channels of each panel.
+    That is a sum over its M elements: what it lacks of a Gaussian falls as 1/M, or as 1/sqrt(M)
+    where both links of the panel are clear, and counts for as much as the product does in tau.
+    ``docs/fading.md`` tells from which M on it is too small to be seen. The formula is that of
+    `irs_gym.radio.fading.RicianFading.outage`.
 
     Parameters
     ----------

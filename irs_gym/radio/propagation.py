@@ -5,17 +5,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irs_gym.radio.geometry import is_line_of_sight
-from irs_gym.radio.scene import PathLoss, Scene
+from irs_gym.radio.path_loss import MultiWall, PathLoss, PresetName, formulas_of
+from irs_gym.radio.scene import Scene
 from irs_gym.units import Floats, db_to_linear
 
 
 def path_loss_db(
-    distance_m: ArrayLike, is_clear: NDArray[np.bool_], path_loss: PathLoss, carrier_ghz: float
+    distance_m: ArrayLike,
+    is_clear: NDArray[np.bool_],
+    path_loss: PathLoss | PresetName | MultiWall,
+    carrier_ghz: float,
 ) -> Floats:
     """Path loss in dB, eqs. (18) and (19) of the paper (3GPP TR 38.901, InF-SH in its scene).
 
-    Without line of sight it is never less than with it.
+    Without line of sight it is never less than with it. The loss of walls that are counted comes on
+    top.
 
     Parameters
     ----------
@@ -23,11 +27,18 @@ def path_loss_db(
         3-D distance, any shape.
     is_clear
         Line of sight or not, same shape.
+    path_loss
+        Coefficients, or a model by name.
     """
-    # the paper's max(L_LoS, L_NLoS) without line of sight
-    los = path_loss.line_of_sight.loss_db(distance_m, carrier_ghz)
-    nlos = path_loss.non_line_of_sight.loss_db(distance_m, carrier_ghz)
-    return np.asarray(np.where(is_clear, los, np.maximum(los, nlos)))
+    with_sight, without_sight = formulas_of(path_loss)
+    los = with_sight.loss_db(distance_m, carrier_ghz)
+
+    # the paper's max(L_LoS, L_NLoS) without line of sight; of some presets, that of three
+    nlos = los
+    for formula in without_sight:
+        nlos = np.maximum(nlos, formula.loss_db(distance_m, carrier_ghz))
+
+    return np.asarray(np.where(is_clear, los, nlos))
 
 
 @dataclass(frozen=True)
@@ -71,8 +82,16 @@ def link(scene: Scene, points: NDArray[np.float64], end: ArrayLike) -> Link:
             f"an antenna at {tuple(np.asarray(end).tolist())} m coincides with the centre of a cell"
         )
 
-    is_clear = is_line_of_sight(points, end, scene.boxes)
+    if isinstance(scene.path_loss, MultiWall):
+        walls = scene.floor.walls_crossed(points, end)
+        is_clear = np.asarray(walls == 0)
+        through_walls_db = scene.path_loss.wall_loss_db * walls
+    else:
+        is_clear = scene.floor.is_line_of_sight(points, end)
+        through_walls_db = np.zeros(())
+
     loss_db = path_loss_db(distance, is_clear, scene.path_loss, scene.carrier_ghz)
+    loss_db = loss_db + through_walls_db
     if not np.all(loss_db >= 0):
         nearest = float(distance.flat[np.argmin(loss_db)])
         raise ValueError(

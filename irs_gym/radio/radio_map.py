@@ -17,7 +17,6 @@ from irs_gym.files import as_path, read_arrays, write_file
 from irs_gym.grid import Grid, checked_map
 from irs_gym.memory import check_memory, freeze
 from irs_gym.radio.fading import Fading, MeasuredFading, RicianFading, fading_of
-from irs_gym.radio.geometry import is_in_footprint
 from irs_gym.radio.irs import ArrayModel, Hardware, Quantiser, channel
 from irs_gym.radio.scene import Scene, load_scene
 from irs_gym.units import Floats, linear_to_db
@@ -310,8 +309,8 @@ def build_radio_map(
     -------
     RadioMap
         With ``gain_db`` of shape ``(X, Y)``, -inf in cells whose centre lies strictly inside an
-        obstacle. With several access points, each cell is served by the one that gives it the
-        highest gain.
+        obstacle, or outside a room that is a polygon. With several access points, each cell is
+        served by the one that gives it the highest gain.
 
     Raises
     ------
@@ -421,8 +420,8 @@ def serve(
 ) -> tuple[Floats, Floats, Floats]:
     """What is received at positions ``(n, 3)`` from the access point that serves each best.
 
-    Returns expected gains and the scattered parts of them ``(n,)``, linear, and phase shifts ``(n,
-    N)``, or ``(n, 0)`` where none are needed.
+    Returns expected gains ``(n,)`` and their scattered parts ``(n,)``, both linear, and phase
+    shifts ``(n, N)``, or ``(n, 0)`` where none are needed.
     """
     gains = np.full(len(positions), -np.inf)  # (n,)
     scattered = np.zeros(len(positions))  # (n,)
@@ -497,7 +496,7 @@ def _check_work(model: RadioModel, *, needs_shifts: bool) -> None:
         f"cell_size={grid.cell_size}: {links} links past {len(scene.obstacles)} obstacles "
         f"to each of {cells} cells",
         0,
-        cells * links * (1 + len(scene.obstacles)) * LINK_BYTES,
+        cells * links * (1 + scene.floor.tests) * LINK_BYTES,
     )
 
 
@@ -517,7 +516,7 @@ def check_gains(grid: Grid, cells: NDArray[np.int64], gains: Floats) -> None:
 def cell_blocks(scene: Scene, grid: Grid, width: int) -> Iterator[tuple[NDArray[np.int64], Floats]]:
     """Free cells as flat indices ``(n,)`` and antenna positions ``(n, 3)``, block by block."""
     floor = grid.centres().reshape(-1, 2)
-    free = np.flatnonzero(~is_in_footprint(floor, scene.boxes))
+    free = np.flatnonzero(~scene.floor.is_covered(floor))
     block = max(1, min(2**15, BLOCK // width)) if width else 2**15
 
     for first in range(0, len(free), block):

@@ -2,38 +2,40 @@
 
 import json
 from collections.abc import Mapping
+from functools import lru_cache
 from importlib import resources
+from math import ceil
 from numbers import Integral
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from irs_gym.files import as_path, read_file, write_file
-from irs_gym.grid import Grid
-from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
-
-
-def _not_tiny(value: float) -> float:
-    if value < 1e-6:
-        raise ValueError("Input should be greater than or equal to 1e-06")
-    return value
-
-
-# Beyond these bounds no formula here means anything, and numbers of 64 bits overflow or lose
-# micrometres.
-Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
-Length = Annotated[float, Field(gt=0, le=1e7)]
-Decibels = Annotated[float, Field(ge=-1000, le=1000)]
-Frequency = Annotated[float, Field(gt=0, le=1e6), AfterValidator(_not_tiny)]  # GHz
-Pitch = Annotated[float, Field(gt=0, le=1e6), AfterValidator(_not_tiny)]  # wavelengths
-Count = Annotated[int, Field(ge=1, le=10**9)]
-PhaseBits = Annotated[int, Field(ge=1, le=16)]
-Point2 = tuple[Metres, Metres]
-Point3 = tuple[Metres, Metres, Metres]
-Wall = Literal["x_min", "x_max", "y_min", "y_max"]
+from irs_gym.grid import Grid, checked_cell_size
+from irs_gym.radio.fields import (
+    Count,
+    Decibels,
+    Degrees,
+    Frequency,
+    Length,
+    Metres,
+    Part,
+    PhaseBits,
+    Pitch,
+    Point2,
+    Point3,
+    Wall,
+)
+from irs_gym.radio.geometry import TOUCH, Boxes
+from irs_gym.radio.obstacles.floor import Floor
+from irs_gym.radio.obstacles.prisms import Prisms
+from irs_gym.radio.obstacles.raster import Raster
+from irs_gym.radio.path_loss import PathLoss, PathLossModel, formulas_of
+from irs_gym.radio.shapes import PolygonObstacle, PolygonRoom, RasterObstacle
 
 TARGET_DB = -61.8  # the paper's, where nothing else is said
 MOST_ELEMENTS = 10**12  # of a panel
@@ -41,13 +43,7 @@ _FILE_BYTES = 2**24  # of a scene file; that of a factory has a few thousand
 _MOST_LISTED = 10  # mistakes of one file
 
 
-class _Part(BaseModel):
-    """What every part of a scene is: frozen, of finite numbers, without unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Room(_Part):
+class Room(Part):
     """The rectangular floor and the ceiling, in metres; the floor is at z = 0."""
 
     x_min: Metres
@@ -85,7 +81,7 @@ class Room(_Part):
         return max(*over, -height, height - self.height) <= TOUCH
 
 
-class Obstacle(_Part):
+class Obstacle(Part):
     """A box on the floor that robots cannot enter and that blocks line of sight."""
 
     center: Point2  # of its footprint
@@ -102,13 +98,18 @@ class Obstacle(_Part):
         return self.center[0] + self.size[0] / 2, self.center[1] + self.size[1] / 2, self.size[2]
 
 
-class AccessPoint(_Part):
+class AccessPoint(Part):
     """A single-antenna access point."""
 
     position: Point3
 
 
-class IrsPanel(_Part):
+def _kind_of_wall(value: Any) -> str:
+    """Which kind of wall a value is meant to be: an angle where it is a number."""
+    return "<angle>" if isinstance(value, int | float) else "<name>"
+
+
+class IrsPanel(Part):
     """A reflecting surface on a wall: columns x rows of sub-surfaces, each of several elements.
 
     All elements of a sub-surface share one phase shift. Columns run along the wall, rows along z;
@@ -116,7 +117,11 @@ class IrsPanel(_Part):
     """
 
     position: Point3
-    wall: Wall
+    # on which wall of a rectangle, or the wall's angle against the x axis
+    wall: Annotated[
+        Annotated[Wall, Tag("<name>")] | Annotated[Degrees, Tag("<angle>")],
+        Discriminator(_kind_of_wall),
+    ]
     columns: Count
     rows: Count
     elements_per_subsurface: tuple[Count, Count]  # along the wall, along z
@@ -150,39 +155,46 @@ class IrsPanel(_Part):
     @property
     def along_wall(self) -> NDArray[np.float64]:
         """Unit vector ``(3,)`` of the columns."""
-        return np.array([0.0, 1.0, 0.0] if self.wall.startswith("x") else [1.0, 0.0, 0.0])
+        if isinstance(self.wall, str):
+            return np.array([0.0, 1.0, 0.0] if self.wall.startswith("x") else [1.0, 0.0, 0.0])
+
+        angle = np.radians(self.wall)
+        return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-class PathLossCoefficients(_Part):
-    """Path loss = intercept + distance_slope log10(d / m) + frequency_slope log10(f / GHz), in dB.
-
-    The form of eqs. (18) and (19) of the paper, and of 3GPP TR 38.901, table 7.4.1-1.
-    """
-
-    intercept_db: Decibels
-    distance_slope_db: Decibels
-    frequency_slope_db: Decibels
-
-    def loss_db(self, distance_m: Any, carrier_ghz: float) -> Any:
-        """Path loss in dB over distances in metres, of any shape."""
-        return (
-            self.intercept_db
-            + self.distance_slope_db * np.log10(distance_m)
-            + self.frequency_slope_db * np.log10(carrier_ghz)
-        )
+def _kind_of_obstacle(value: Any) -> str:
+    """Which kind of obstacle a value is meant to be."""
+    if isinstance(value, PolygonObstacle) or (isinstance(value, dict) and "polygon" in value):
+        return "<polygon>"
+    if isinstance(value, RasterObstacle) or (isinstance(value, dict) and "rows" in value):
+        return "<raster>"
+    return "<box>"
 
 
-class PathLoss(_Part):
-    """Coefficients with and without line of sight (3GPP TR 38.901, table 7.4.1-1, InF-SH in the
-    paper).
-    """
-
-    line_of_sight: PathLossCoefficients
-    non_line_of_sight: PathLossCoefficients
+def _kind_of_room(value: Any) -> str:
+    """Which kind of room a value is meant to be."""
+    is_polygon = isinstance(value, PolygonRoom) or (isinstance(value, dict) and "polygon" in value)
+    return "<polygon>" if is_polygon else "<rectangle>"
 
 
-class Scene(_Part):
+AnyObstacle = Annotated[
+    Annotated[Obstacle, Tag("<box>")]
+    | Annotated[PolygonObstacle, Tag("<polygon>")]
+    | Annotated[RasterObstacle, Tag("<raster>")],
+    Discriminator(_kind_of_obstacle),
+]
+AnyRoom = Annotated[
+    Annotated[Room, Tag("<rectangle>")] | Annotated[PolygonRoom, Tag("<polygon>")],
+    Discriminator(_kind_of_room),
+]
+
+
+class Scene(Part):
     """A factory and the task in it. Lengths in metres, z = 0 on the floor.
+
+    In format 1 room and obstacles are boxes along the axes. In format 2 obstacles may be polygons
+    and rasters as well (`irs_gym.radio.shapes`), the room a polygon, a panel's wall an angle in
+    degrees, and path loss a name or so many dB a wall (`irs_gym.radio.path_loss`).
 
     Any mistake raises a ``ValueError`` that names the field.
 
@@ -196,10 +208,10 @@ class Scene(_Part):
     ValueError: scene: carrier_ghz: Input should be greater than 0 (got -2.0)
     """
 
-    format_version: Literal[1] = 1
+    format_version: Literal[1, 2] = 1
     name: str
-    room: Room
-    obstacles: Annotated[tuple[Obstacle, ...], Field(max_length=10_000)]
+    room: AnyRoom
+    obstacles: Annotated[tuple[AnyObstacle, ...], Field(max_length=10_000)]
     access_points: Annotated[tuple[AccessPoint, ...], Field(min_length=1, max_length=1000)]
     irs_panels: Annotated[tuple[IrsPanel, ...], Field(max_length=1000)]
     antenna_height: Length
@@ -207,27 +219,51 @@ class Scene(_Part):
     goal: Point2
     carrier_ghz: Frequency
     rician_factor_db: Decibels
-    path_loss: PathLoss
+    path_loss: PathLossModel
     target_db: float = TARGET_DB  # lowest expected channel gain that keeps the robot connected
     # resolution of all panels' phase shifters; None for continuous phases
     phase_bits: PhaseBits | None = None
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        mistakes = [*self._misplaced_parts(), *self._misplaced_ends()]
+        mistakes = [*self._too_new(), *self._misplaced_parts(), *self._misplaced_ends()]
         if mistakes:
             raise ValueError("; ".join(mistakes))
         return self
+
+    def _too_new(self) -> list[str]:
+        """What to say of parts that a file of format 1 knows nothing of."""
+        if self.format_version > 1:
+            return []
+
+        new = []
+        if isinstance(self.room, PolygonRoom):
+            new.append("room")
+        new += [
+            f"obstacles[{n}]"
+            for n, each in enumerate(self.obstacles)
+            if not isinstance(each, Obstacle)
+        ]
+        new += [
+            f"irs_panels[{n}].wall={each.wall}"
+            for n, each in enumerate(self.irs_panels)
+            if not isinstance(each.wall, str)
+        ]
+        if not isinstance(self.path_loss, PathLoss):
+            new.append(f"path_loss={self.path_loss!r}")
+
+        return [f"{part} needs format_version 2" for part in new[:_MOST_LISTED]]
 
     def _misplaced_parts(self) -> list[str]:
         """What to say of boxes, access points and panels that are not where they can be."""
         room = self.room
         mistakes = []
 
-        for n, box in enumerate(self.obstacles):
-            if not (room.holds(box.lower) and room.holds(box.upper)):
+        for n, is_inside in enumerate(_are_inside(room, self.obstacles)):
+            if not is_inside:
+                each = self.obstacles[n]
                 mistakes.append(
-                    f"obstacles[{n}] reaches from {box.lower} to {box.upper}, outside the room"
+                    f"obstacles[{n}] reaches from {each.lower} to {each.upper}, outside the room"
                 )
 
         for n, point in enumerate(self.access_points):
@@ -237,15 +273,7 @@ class Scene(_Part):
                 )
 
         for n, panel in enumerate(self.irs_panels):
-            # a wall is named by the coordinate that is the same all along it: "x_min"
-            where = panel.position["xy".index(panel.wall[0])]
-            wall = getattr(room, panel.wall)
-            if not room.holds(panel.position) or abs(where - wall) > TOUCH:
-                mistakes.append(
-                    f"irs_panels[{n}].position={panel.position} must lie on its wall, "
-                    f"{panel.wall[0]} = {wall}"
-                )
-
+            mistakes += self._off_the_wall(n, panel)
             mistakes += self._too_near(n, panel)
 
         if not self.antenna_height <= room.height:
@@ -255,6 +283,30 @@ class Scene(_Part):
 
         return mistakes
 
+    def _off_the_wall(self, n: int, panel: IrsPanel) -> list[str]:
+        """What to say of a panel that is not on its wall. One with an angle may hang anywhere in
+        the room, on the face of an obstacle, say.
+        """
+        is_inside = self.room.holds(panel.position)
+        if not isinstance(panel.wall, str):
+            if is_inside and not self.floor.is_covered(np.array(panel.position[:2])):
+                return []
+            return [
+                f"irs_panels[{n}].position={panel.position} must lie in the room, "
+                "and not inside an obstacle"
+            ]
+
+        # a wall is named by the coordinate that is the same all along it: "x_min"
+        where = panel.position["xy".index(panel.wall[0])]
+        wall = getattr(self.room, panel.wall)
+        if is_inside and abs(where - wall) <= TOUCH:
+            return []
+
+        return [
+            f"irs_panels[{n}].position={panel.position} must lie on its wall, "
+            f"{panel.wall[0]} = {wall}"
+        ]
+
     def _too_near(self, n: int, panel: IrsPanel) -> list[str]:
         """What to say of a panel so near to an access point that path loss would be a gain."""
         apart = np.array([point.position for point in self.access_points]) - panel.position
@@ -262,7 +314,7 @@ class Scene(_Part):
         if nearest <= TOUCH:
             return [f"irs_panels[{n}].position={panel.position} coincides with an access point"]
 
-        loss_db = float(self.path_loss.line_of_sight.loss_db(nearest, self.carrier_ghz))
+        loss_db = float(formulas_of(self.path_loss)[0].loss_db(nearest, self.carrier_ghz))
         if loss_db >= 0:
             return []
 
@@ -280,7 +332,7 @@ class Scene(_Part):
                 mistakes.append(
                     f"{field}={point} lies outside the room {self.room.lower} to {self.room.upper}"
                 )
-            elif is_in_footprint(np.array(point), self.boxes):
+            elif self.floor.is_covered(np.array(point)):
                 mistakes.append(f"{field}={point} lies inside an obstacle")
 
         if self.start == self.goal:
@@ -306,16 +358,28 @@ class Scene(_Part):
 
     @property
     def boxes(self) -> Boxes:
-        """The obstacles as arrays."""
-        corners = [(box.lower, box.upper) for box in self.obstacles]
-        both = np.array(corners, dtype=np.float64).reshape(-1, 2, 3)  # (B, 2, 3), B may be 0
-        return Boxes(both[:, 0], both[:, 1])
+        """Those of the obstacles that are boxes, as arrays."""
+        return self.floor.boxes
+
+    @property
+    def floor(self) -> Floor:
+        """All that stands in the way of robots and of lines of sight."""
+        return _floor_of(self.room, self.obstacles)
 
     def grid(self, cell_size: float) -> Grid:
         """Grid over the floor; raises ``ValueError`` where ``cell_size`` (metres) does not divide
         the room.
+
+        One over a polygon reaches as far beyond its greatest x and y as whole cells do.
         """
-        return Grid.tile(self.room.lower, self.room.upper, cell_size)
+        if isinstance(self.room, Room):
+            return Grid.tile(self.room.lower, self.room.upper, cell_size)
+
+        cell_size = checked_cell_size(cell_size)
+        sides = np.subtract(self.room.upper, self.room.lower)
+        columns, rows = (max(1, ceil(side / cell_size - 1e-9)) for side in sides.tolist())
+
+        return Grid((columns, rows), cell_size, self.room.lower)
 
     def with_irs_elements(self, irs_elements: int | None) -> "Scene":
         """The scene with ``irs_elements`` elements on each panel: its rows grow or shrink.
@@ -354,6 +418,55 @@ class Scene(_Part):
     def save(self, path: str | Path) -> None:
         """Write the scene as JSON, atomically."""
         write_file(Path(path), (self.model_dump_json(indent=2) + "\n").encode())
+
+
+# Scenes that differ in other fields share one; a map asks for it once a block and antenna.
+@lru_cache(maxsize=16)
+def _floor_of(room: Room | PolygonRoom, obstacles: tuple[Any, ...]) -> Floor:
+    """The obstacles by kind, and the outside of the room."""
+    boxes = [each for each in obstacles if isinstance(each, Obstacle)]
+    prisms = [each for each in obstacles if isinstance(each, PolygonObstacle)]
+    rasters = tuple(
+        Raster(each.is_filled, each.cell_size, each.origin, each.height)
+        for each in obstacles
+        if isinstance(each, RasterObstacle)
+    )
+
+    corners = [(box.lower, box.upper) for box in boxes]
+    both = np.array(corners, dtype=np.float64).reshape(-1, 2, 3)  # (B, 2, 3), B may be 0
+
+    return Floor(
+        boxes=Boxes(both[:, 0], both[:, 1]),
+        prisms=Prisms([each.shape for each in prisms], [each.height for each in prisms]),
+        rasters=rasters,
+        room=room.shape if isinstance(room, PolygonRoom) else None,
+    )
+
+
+def _are_inside(room: Room | PolygonRoom, obstacles: tuple[AnyObstacle, ...]) -> list[bool]:
+    """Whether each obstacle lies in the room, or flush with its walls.
+
+    Of a raster in a polygon, what is outside counts for nothing: it need only meet the room.
+    """
+    if isinstance(room, Room):
+        return [room.holds(each.lower) and room.holds(each.upper) for each in obstacles]
+
+    grown = room.shape.buffer(TOUCH, join_style="mitre")
+    shapely.prepare(grown)
+    fits = []
+
+    for each in obstacles:
+        shape = (
+            each.shape
+            if isinstance(each, PolygonObstacle)
+            else shapely.box(*each.lower[:2], *each.upper[:2])
+        )
+        is_inside = (
+            grown.intersects(shape) if isinstance(each, RasterObstacle) else grown.covers(shape)
+        )
+        fits.append(bool(is_inside) and each.upper[2] <= room.height + TOUCH)
+
+    return fits
 
 
 def _with_elements(panel: IrsPanel, elements: int) -> IrsPanel:
@@ -435,7 +548,9 @@ def _in_one_line(error: ValidationError) -> str:
     mistakes = []
     for mistake in error.errors(include_url=False)[:_MOST_LISTED]:
         field = "".join(
-            f"[{part}]" if isinstance(part, int) else f".{part}" for part in mistake["loc"]
+            f"[{part}]" if isinstance(part, int) else f".{part}"
+            for part in mistake["loc"]
+            if not str(part).startswith("<")  # which kind of part it was taken for
         ).lstrip(".")
         # what was given instead of a missing field, or to a check of all fields, is the whole part
         is_whole_part = mistake["type"] == "missing" or not field

@@ -27,6 +27,7 @@ COLOUR_MAP = np.array(
     dtype=np.float64,
 )  # fmt: skip
 OBSTACLE = (20, 20, 24)
+OUTLINE = (190, 190, 196)
 ROBOT = (255, 140, 0)
 
 
@@ -56,6 +57,8 @@ class Background:
 
         # from the back to the front: what is drawn later lies over what was drawn before
         _paint_map(image, view, layout)
+        for outline in view.outlines:
+            primitives.stroke(image, layout.pixels(outline), OUTLINE, max(1.0, 0.12 * em))
         _paint_axes(image, layout)
         _paint_colour_bar(image, view, layout)
         _paint_stations(image, view, layout)
@@ -279,16 +282,28 @@ def _paint_stations(image: Image.Image, view: View, layout: Layout) -> None:
         ("IRS", primitives.BAR, view.irs_panels),
     )
 
+    angles = view.panel_angles or (None,) * len(view.irs_panels)
+
     for name, shape, points in kinds:
         for number, point in enumerate(np.clip(np.reshape(points, (-1, 2)), lower, upper), start=1):
             to_walls = np.concatenate([point - lower, upper - point])  # left, bottom, right, top
+            angle = angles[number - 1] if shape is primitives.BAR else None
             # a panel's bar lies along the wall that is nearest: left and right ones run along y
             is_along_y = shape is primitives.BAR and int(np.argmin(to_walls)) % 2 == 0
             corners = shape[:, ::-1] if is_along_y else shape
+            if angle is not None:
+                corners = _turned(shape, angle)
             at = layout.pixels(point)
             primitives.mark(image, corners, at, layout.em)
             reach = (float(corners[:, 0].max()) + 0.35) * layout.em
             _write_name(image, name if len(points) == 1 else f"{name} {number}", at, reach, layout)
+
+
+def _turned(corners: Floats, degrees: float) -> Floats:
+    """Corners ``(n, 2)`` in px turned anticlockwise on the map, whose y runs down in px."""
+    cosine = np.cos(np.radians(degrees))
+    sine = np.sin(np.radians(degrees))
+    return np.asarray(corners @ np.array([[cosine, -sine], [sine, cosine]]))
 
 
 def _write_name(image: Image.Image, name: str, at: Floats, reach: float, layout: Layout) -> None:

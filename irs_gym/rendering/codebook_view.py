@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from irs_gym.mdp.codebook_rules import CodebookMaps, Ends, switch_cells
 from irs_gym.mdp.path_history import cells_of
 from irs_gym.oracle.joint import JointPath
-from irs_gym.rendering.episode_view import RENDERERS
+from irs_gym.rendering.episode_view import RENDERERS, drawn_of
 from irs_gym.rendering.view import View
 
 
@@ -33,12 +33,11 @@ def _view_of(maps: CodebookMaps, ends: Ends, oracle: JointPath, configuration: i
         gain_db=maps.gain_db[ends.scene, configuration],
         target_db=float(maps.target_db[ends.scene]),
         grid=maps.grid(ends.scene),
-        access_points=tuple(each.position[:2] for each in scene.access_points),
-        irs_panels=tuple(each.position[:2] for each in scene.irs_panels),
         start=ends.start,
         goal=ends.goal,
         free=maps.free[ends.scene],
         oracle_cells=oracle.cells,
         oracle_switches=oracle.switch_cells,
         label=f"configuration {configuration} of {maps.configurations}",
+        **drawn_of(scene),
     )

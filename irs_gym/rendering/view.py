@@ -26,7 +26,8 @@ class View:
     grid
         The cells' place on the floor.
     access_points, irs_panels
-        Points ``(x, y)`` in metres, none to many; a panel is drawn along the nearest wall.
+        Points ``(x, y)`` in metres, none to many; a panel is drawn along the nearest wall, or
+        along its own.
     start, goal
         Cells ``(i, j)``.
     oracle_cells
@@ -35,6 +36,10 @@ class View:
         Longest side of the picture in px, 320 or more.
     free
         Bool, shape ``(X, Y)``: cells that a robot can enter; by default those of a finite gain.
+    outlines
+        Closed lines ``(n, 2)`` in metres: what stands in a room as it is, whatever cells it takes.
+    panel_angles
+        Of each panel's wall against the x axis in degrees; None for the nearest wall. Empty: all.
     oracle_switches
         Shape ``(n, 2)``: cells where the panel switches on the oracle's path; None where no panel
         is switched.
@@ -57,6 +62,8 @@ class View:
     oracle_cells: NDArray[np.integer[Any]]
     size: int = 512
     free: NDArray[np.bool_] | None = None
+    outlines: tuple[Floats, ...] = ()
+    panel_angles: tuple[float | None, ...] = ()
     oracle_switches: NDArray[np.integer[Any]] | None = None
     label: str = ""
 

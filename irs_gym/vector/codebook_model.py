@@ -125,7 +125,9 @@ class CodebookModel:
     def margin_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
         return self.rules.margin_db(states)
 
-    def action_mask(self, states: States) -> NDArray[np.int8]:  # noqa: D102
+    def action_mask(  # noqa: D102
+        self, states: States, budget_left: NDArray[np.float64] | None = None
+    ) -> NDArray[np.int8]:
         if self.tables is None:
             return self.rules.action_mask(states)
         return self.tables.mask.take(states, axis=0)

@@ -1,6 +1,6 @@
 """`VectorEpisodes`: the episodes of n robots with autoreset, for all vector environments."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode
-from irs_gym.mdp.budget import amount_left, choose_budget, scaled_amount
+from irs_gym.mdp.budget import can_pay, choose_budget, cleared, scaled_amount
 from irs_gym.mdp.checks import checked_actions
-from irs_gym.mdp.dynamics import ACTIONS
+from irs_gym.mdp.dynamics import ACTIONS, refused_reward
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
@@ -64,9 +64,12 @@ class VectorEpisodes:
         self._has_violated = np.zeros(n, dtype=bool)
         self._switches = np.zeros(n, dtype=np.int64)
         self._metres = np.zeros(n)  # of the distance, the part that is no switch's
-        self._budget = np.zeros(n)  # total cost that it may come to, and what it has come to
-        self._spent = np.zeros(n)
-        self._left: NDArray[np.float64] | None = None  # of the budgets, where there are any
+        # Where there are budgets: the total cost that it may come to, that of its start, and what
+        # is left. The last is another array after every step.
+        has_budget = self._rules.budget is not None
+        self._budget = np.zeros(n)
+        self._start_cost = np.zeros(n)
+        self._left = np.zeros(n) if has_budget else None
         self._nobody = frozen(np.zeros(n, dtype=bool))
         self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
@@ -121,6 +124,8 @@ class VectorEpisodes:
 
         before = self._states  # (n,)
         outcome = self._sampler.transition_model.move(before, checked)
+        if self._rules.on_exhausted == "refuse":
+            self._refuse_unpaid(before, checked, outcome)
         if resumed is not None:
             outcome.clear(resumed, before[resumed])
         if self._rules.budget is not None:
@@ -186,7 +191,8 @@ class VectorEpisodes:
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``, or ``(n, 8 + K)``."""
-        return self._sampler.transition_model.action_mask(self._states).astype(bool)
+        model = self._sampler.transition_model
+        return model.action_mask(self._states, self._left).astype(bool)
 
     def history(self, i: int) -> NDArray[np.int64]:
         """What `TransitionModel.cells` gave for robot i since its episode began, ``(T,)``; nothing
@@ -220,7 +226,7 @@ class VectorEpisodes:
             cell=cell,
             distance=float(self._distance[i]),
             budget=float(self._budget[i]),
-            spent=float(self._spent[i]),
+            budget_left=0.0 if self._left is None else float(self._left[i]),
             # steps that led nowhere, whether or not refusals are counted as they happen
             refused=self._history.steps(i) - (len(path) - 1),
             has_violated=bool(self._has_violated[i]),
@@ -233,30 +239,22 @@ class VectorEpisodes:
 
     def _begin(self, chosen: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Start an episode for the chosen robots."""
-        budget = self._rules.budget
-        budgets = None
-        if budget is not None:
-            asked = options.pop("budget", None)
-            budgets = self._budget.copy()
-            budgets[chosen] = [
-                choose_budget(budget, asked, self._rng_of_budget(i)) for i in chosen.tolist()
-            ]
+        budgets = self._budgets(chosen, options)
 
         # The sampler may take another transition model for this, so it is asked for afterwards.
         self._states = self._sampler.begin(self._states, chosen, options, self._rng, budgets)
         transition_model = self._sampler.transition_model
         begun = self._states[chosen]
-        if budgets is not None:
-            self._budget = budgets
-            self._spent[chosen] = transition_model.cost(begun)
-            self._left = amount_left(self._budget, self._spent)
+        if budgets is not None and self._left is not None:
+            self._budget[chosen] = budgets
+            self._start_cost[chosen] = transition_model.cost(begun)
+            self._left = self._left.copy()
+            self._left[chosen] = cleared(budgets - self._start_cost[chosen])
 
         # what an episode adds up, from nothing
         self._distance[chosen] = 0.0
         self._refused[chosen] = 0
-        self._oracle_distance[chosen] = transition_model.oracle_distance(
-            begun, None if budgets is None else budgets[chosen]
-        )
+        self._oracle_distance[chosen] = transition_model.oracle_distance(begun, budgets)
         self._has_violated[chosen] = False
         self._switches[chosen] = 0
         self._metres[chosen] = 0.0
@@ -270,21 +268,32 @@ class VectorEpisodes:
         self._deadline[chosen] = self._clock + self.max_episode_steps
         self._first_deadline = int(self._deadline.min())
 
+    def _refuse_unpaid(
+        self, before: NDArray[np.int64], actions: NDArray[np.int64], outcome: Outcome
+    ) -> None:
+        """Take back the steps that the budgets cannot pay; nothing is paid for them."""
+        assert outcome.cost is not None
+        assert self._left is not None
+        unpaid = np.flatnonzero(~can_pay(self._left, outcome.cost))
+        outcome.clear(unpaid, before[unpaid])
+        lost = refused_reward(self._rules, actions[unpaid], self._sampler.cell_size)
+        outcome.reward[unpaid] = lost
+
     def _pay(self, outcome: Outcome, resumed: NDArray[np.int64] | None) -> Outcome:
         """Take the costs of a move out of the budgets. Where one is exhausted, the episode may end,
         and then it is a failure, at the goal as well.
         """
         assert outcome.cost is not None
-        self._spent += outcome.cost
-        self._left = amount_left(self._budget, self._spent)
+        assert self._left is not None
+        self._left = cleared(self._left - outcome.cost)
         if resumed is not None:  # they have begun, and paid for their start
-            outcome.cost[resumed] = self._spent[resumed]
+            outcome.cost[resumed] = self._start_cost[resumed]
 
-        if self._rules.on_exhausted == "continue":
+        if self._rules.on_exhausted != "terminate":
             return outcome
 
         is_exhausted = self._left < 0
-        if not is_exhausted.any():
+        if not np.count_nonzero(is_exhausted):
             return outcome
 
         outcome.reward[outcome.is_at_goal & is_exhausted] -= self._rules.goal_bonus
@@ -321,10 +330,12 @@ class VectorEpisodes:
         # the last of the old episodes, before their states are lost
         packing = self._sampler.packing
         final_parts = self._sampler.transition_model.observe(self._states[ended])
+        final_obs: Iterable[Any] = map(packing.unpack, zip(*final_parts, strict=True))
         if step.budget_left is not None:
-            self._show_budget(packing.unpack(final_parts), step.budget_left[ended])
+            last = packing.unpack(final_parts)
+            self._show_budget(last, self._states[ended], step.budget_left[ended])
+            final_obs = _each(last, len(ended))
 
-        final_obs = map(packing.unpack, zip(*final_parts, strict=True))
         final = {
             "final_obs": _objects(self.num_envs, ended, final_obs),
             "_final_obs": self._just_ended.copy(),
@@ -338,7 +349,7 @@ class VectorEpisodes:
         if step.is_refused is not None:
             step.is_refused[ended] = False
         if step.cost is not None:
-            step.cost[ended] = self._spent[ended]
+            step.cost[ended] = self._start_cost[ended]
 
         return {
             **self._infos.everywhere(self._step(step.is_refused, step.cost, None)),
@@ -353,9 +364,19 @@ class VectorEpisodes:
 
         return rng
 
-    def _rng_of_budget(self, i: int) -> np.random.Generator | None:
-        """The randomness of environment i, where a budget is drawn."""
-        return self._rng(i) if isinstance(self._rules.budget, tuple) else None
+    def _budgets(
+        self, chosen: NDArray[np.int64], options: dict[str, Any]
+    ) -> NDArray[np.float64] | None:
+        """Budgets of the chosen robots' new episodes, ``(len(chosen),)``; None without any."""
+        budget = self._rules.budget
+        if budget is None:
+            return None
+
+        asked = options.pop("budget", None)
+        if isinstance(budget, tuple) and asked is None:
+            return np.array([choose_budget(budget, None, self._rng(i)) for i in chosen.tolist()])
+
+        return np.full(len(chosen), choose_budget(budget, asked, None))
 
     def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.int64]) -> None:
         """Take the seeds that are not None for the chosen environments."""
@@ -372,19 +393,23 @@ class VectorEpisodes:
         parts = self._sampler.transition_model.observe(self._states, self._buffer)
         observation = self._sampler.packing.unpack(parts)
         if self._left is not None:
-            self._show_budget(observation, self._left)
+            self._show_budget(observation, self._states, self._left)
 
         return observation
 
-    def _show_budget(self, observation: Any, left: NDArray[np.float64]) -> None:
-        """Write what is left of budgets ``(n,)`` into observations."""
-        self._sampler.packing.set_budget(observation, scaled_amount(left))
+    def _show_budget(
+        self, observation: Any, states: NDArray[np.int64], left: NDArray[np.float64]
+    ) -> None:
+        """Write what is left of budgets ``(n,)`` into observations of states ``(n,)``."""
+        packing = self._sampler.packing
+        packing.set_budget(observation, scaled_amount(left))
+        if packing.observation == "masked":
+            mask = self._sampler.transition_model.action_mask(states, left)
+            observation["action_mask"][:] = mask
 
     def _opening(self) -> Step:
         """As after a step in which nothing happened, but that robots pay for their start."""
-        return self._step(
-            None, self._spent.copy() if self._rules.budget is not None else None, None
-        )
+        return self._step(None, None if self._left is None else self._start_cost.copy(), None)
 
     def _step(
         self,
@@ -446,6 +471,15 @@ class VectorEpisodes:
             raise ResetNeeded("the first reset must be of all environments: leave reset_mask out")
 
         return chosen
+
+
+def _each(observations: Any, count: int) -> Iterator[Any]:
+    """The observations of a batch one by one."""
+    for i in range(count):
+        if isinstance(observations, dict):
+            yield {name: array[i] for name, array in observations.items()}
+        else:
+            yield observations[i]
 
 
 def _objects(count: int, chosen: NDArray[np.int64], objects: Iterable[Any]) -> NDArray[Any]:

@@ -63,7 +63,7 @@ def _margin_db(step: Step) -> Floats:
 
 
 def _action_mask(step: Step) -> NDArray[np.int8]:
-    return step.transition_model.action_mask(step.states)
+    return step.transition_model.action_mask(step.states, step.budget_left)
 
 
 def _is_refused(step: Step) -> Bools:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from irs_gym.datasets.random_task import Worlds
 from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, flat_cells
+from irs_gym.mdp.budget import can_pay
 from irs_gym.mdp.dynamics import (
+    ACTIONS,
     ends,
     metres_to_go,
     permissions,
@@ -103,8 +105,17 @@ class ManyScenes:
             is_at_goal=is_at_goal,
         )
 
-    def action_mask(self, states: States) -> NDArray[np.int8]:  # noqa: D102
-        return self.legal.of_all(self.code.places(states)).astype(np.int8)
+    def action_mask(  # noqa: D102
+        self, states: States, budget_left: NDArray[np.float64] | None = None
+    ) -> NDArray[np.int8]:
+        places = self.code.places(states)
+        mask = self.legal.of_all(places)  # (n, 8)
+        if budget_left is not None and self.worlds.task.on_exhausted == "refuse":
+            codes = self.legal.codes(places[:, None], np.arange(ACTIONS))  # (n, 8)
+            ahead = self.code.step(states[:, None], codes)
+            mask &= can_pay(budget_left[:, None], self.cost(ahead))
+
+        return mask.astype(np.int8)
 
     # --- observations -----------------------------------------------------------------------------
 

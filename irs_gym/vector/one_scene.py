@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
+from irs_gym.mdp.budget import can_pay
 from irs_gym.mdp.dynamics import ACTIONS, metres_to_go, tabulate
 from irs_gym.mdp.observation import build_observer
 from irs_gym.mdp.packing import Packing, Parts, Rows
@@ -161,8 +162,16 @@ class OneScene:
     def margin_db(self, states: States) -> NDArray[np.float64]:  # noqa: D102
         return self.margin.take(states)
 
-    def action_mask(self, states: States) -> NDArray[np.int8]:  # noqa: D102
-        return self.mask.take(states, axis=0)
+    def action_mask(  # noqa: D102
+        self, states: States, budget_left: NDArray[np.float64] | None = None
+    ) -> NDArray[np.int8]:
+        mask = self.mask.take(states, axis=0)
+        if budget_left is not None and self.world.rules.on_exhausted == "refuse":
+            assert self.move_cost is not None
+            cost = self.move_cost.reshape(-1, ACTIONS).take(states, axis=0)  # (n, 8)
+            mask &= can_pay(budget_left[:, None], cost)
+
+        return mask
 
 
 def build_one_scene(world: World, goals: tuple[Cell, ...]) -> OneScene:

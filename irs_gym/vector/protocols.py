@@ -68,12 +68,20 @@ class TransitionModel(Protocol):
     def margin_db(self, states: States) -> NDArray[np.float64]:
         """Gains over the target in dB."""
 
-    def action_mask(self, states: States) -> NDArray[np.int8]:
-        """1 where an action is not refused, ``(n, 8)``, or ``(n, 8 + K)``."""
+    def action_mask(
+        self, states: States, budget_left: NDArray[np.float64] | None = None
+    ) -> NDArray[np.int8]:
+        """1 where an action is not refused, ``(n, 8)`` or ``(n, 8 + K)``; where steps that a budget
+        cannot pay are refused, with what is left of it ``(n,)``.
+        """
 
 
 class Layout(Protocol):
     """How observations lie in rows; see `irs_gym.mdp.packing.Packing`."""
+
+    @property
+    def observation(self) -> str:
+        """Their kind."""
 
     def empty(self, count: int) -> Parts:
         """Memory for the parts of that many rows."""
@@ -91,6 +99,7 @@ class EpisodeSampler(Protocol):
     is_random: bool  # whether it draws
     is_violable: bool  # whether an episode that enters a cell below the target is lost
     rules: Rules
+    cell_size: float  # metres
     map_shape: tuple[int, int]  # of the maps that `TransitionModel.cells` counts through
 
     @property
@@ -113,8 +122,8 @@ class EpisodeSampler(Protocol):
         rng: RngOf,
         budgets: NDArray[np.float64] | None = None,
     ) -> States:
-        """States in which the chosen robots begin anew, with their budgets ``(n,)`` where there are
-        any, and the others stay where they are; in memory of their own.
+        """States in which the chosen robots begin anew, with their budgets ``(len(chosen),)`` where
+        there are any, and the others stay where they are; in memory of their own.
         """
 
     def scene_number(self, states: States, i: int) -> int:

@@ -6,11 +6,13 @@ import pytest
 from irs_gym.datasets.generator import Difficulty, draw_solved_scene
 from irs_gym.datasets.scene_hash import scene_hash, symmetries
 from irs_gym.datasets.solved_scene import solve
+from irs_gym.radio.radio_map import build_radio_map
 from irs_gym.radio.scene import Scene, load_scene
 
 LEVEL = Difficulty(panels=("usual", "two"))
 SAMPLE = [draw_solved_scene(np.random.default_rng([3, seed]), LEVEL) for seed in range(4)]
 PAPER, WORKSHOP = load_scene("paper"), load_scene("workshop")
+WARD = load_scene("ward")  # polygons, a raster, a room that is a polygon, a panel at an angle
 
 
 def image_of(array, number):
@@ -35,7 +37,33 @@ def test_the_oracles_distance_in_an_image_is_the_same(each):
         assert solve(scene).oracle_distance == pytest.approx(each.oracle_distance, abs=1e-9)
 
 
-@pytest.mark.parametrize("scene", [SAMPLE[0].scene, WORKSHOP], ids=["generated", "workshop"])
+@pytest.mark.parametrize("scene", [WORKSHOP, WARD], ids=lambda scene: scene.name)
+def test_the_map_of_an_image_of_a_scene_of_the_package_is_the_image_of_its_map(scene):
+    whole = build_radio_map(scene, 0.5)
+    for number, image in enumerate(symmetries(scene)):
+        found, wanted = build_radio_map(image, 0.5), image_of(whole.gain_db, number)
+        assert np.array_equal(found.free, np.isfinite(wanted))
+        assert np.abs(found.gain_db[found.free] - wanted[found.free]).max() < 1e-9
+
+
+@pytest.mark.parametrize("ring", ["forwards", "backwards", "closed"])
+def test_the_hash_is_the_same_however_a_ring_is_written(ring):
+    number = next(n for n, each in enumerate(WARD.obstacles) if hasattr(each, "polygon"))
+    corners = WARD.obstacles[number].polygon
+    ways = {
+        "forwards": corners[2:] + corners[:2],
+        "backwards": corners[::-1],
+        "closed": (*corners, corners[0]),
+    }
+    other = WARD.obstacles[number].model_copy(update={"polygon": ways[ring]})
+    obstacles = (*WARD.obstacles[:number], other, *WARD.obstacles[number + 1 :])
+    assert scene_hash(WARD.model_copy(update={"obstacles": obstacles})) == scene_hash(WARD)
+    moved = other.model_copy(update={"polygon": tuple((x, y + 0.01) for x, y in corners)})
+    obstacles = (*WARD.obstacles[:number], moved, *WARD.obstacles[number + 1 :])
+    assert scene_hash(WARD.model_copy(update={"obstacles": obstacles})) != scene_hash(WARD)
+
+
+@pytest.mark.parametrize("scene", [SAMPLE[0].scene, WORKSHOP, WARD], ids=lambda scene: scene.name)
 def test_a_scene_has_eight_valid_images_the_first_its_own(scene):
     images = symmetries(scene)
     assert images[0] == scene
@@ -58,7 +86,7 @@ def test_the_papers_scene_mirrored_in_x_is_itself_but_for_its_ends():
 
 
 @pytest.mark.parametrize(
-    "scene", [SAMPLE[0].scene, SAMPLE[2].scene, PAPER, WORKSHOP], ids=lambda scene: scene.name
+    "scene", [SAMPLE[0].scene, SAMPLE[2].scene, PAPER, WORKSHOP, WARD], ids=lambda scene: scene.name
 )
 def test_the_hash_is_the_same_for_all_images(scene):
     assert {scene_hash(image) for image in symmetries(scene)} == {scene_hash(scene)}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from irs_gym.datasets import splits, verify_splits
+from irs_gym.datasets.floor_plan import THICKNESS
 from irs_gym.datasets.generator import CELL_SIZE, DIFFICULTIES
 from irs_gym.datasets.scene_hash import symmetries
 from irs_gym.datasets.splits import SPLITS, Split, digest, frozen, scene_of
@@ -20,9 +21,11 @@ KEPT = json.loads(verify_splits.KEPT.read_bytes())
 
 
 def test_the_splits_are_these():
-    assert list(SPLITS) == ["train", "val", "test", "ood-clutter", "ood-irs", "ood-size"]
+    assert list(SPLITS) == [
+        *("train", "val", "test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms")
+    ]
     assert list(SPLITS)[1:] == FROZEN
-    assert [SPLITS[name].size for name in FROZEN] == [1000] * 5
+    assert [SPLITS[name].size for name in FROZEN] == [1000] * 6
     assert len({split.number for split in SPLITS.values()}) == len(
         SPLITS
     )  # seeds of no two are the same
@@ -42,7 +45,7 @@ def test_each_frozen_scene_has_a_checksum_of_its_own():
         assert len(frozen()[name].sha256) == 64
     every = [each for name in FROZEN for each in frozen()[name].scenes]
     assert all(len(each) == 8 for each in every)
-    assert len(set(every)) > len(every) - 5  # eight digits of 5,000 checksums agree for few
+    assert len(set(every)) > len(every) - 5  # eight digits of 6,000 checksums agree for few
 
 
 def test_no_scene_was_in_two_places_when_they_were_frozen():
@@ -94,6 +97,10 @@ def test_the_unusual_splits_hold_what_no_training_scene_does():
         assert len(elements) != 1 or not 400 <= elements[0] <= 2400
     for scene in SAMPLE["ood-size"]:
         assert min(np.subtract(scene.room.upper, scene.room.lower)) > usual.sides[1]
+    for scene in SAMPLE["ood-rooms"]:
+        walls = [box for box in scene.obstacles if min(box.size[:2]) == THICKNESS]
+        assert len(walls) >= 3
+        assert {wall.size[2] for wall in walls} == {scene.room.height}
 
 
 @pytest.mark.parametrize(
@@ -120,7 +127,8 @@ def test_the_proof_tells_of_a_scene_that_has_changed(monkeypatch, tmp_path, caps
     monkeypatch.setattr("sys.argv", command)
     assert verify_splits.main() == 0
     said = capsys.readouterr().out
-    assert "7 scenes, of which 3 for training: 0 are in two places" in said
+    count = len(scene_names()) + 5
+    assert f"{count} scenes, of which 3 for training: 0 are in two places" in said
     assert "changed since they were frozen: none" in said
     kept = json.loads(verify_splits.KEPT.read_bytes())
     assert kept["splits"]["val"] == entry_of(

@@ -224,6 +224,25 @@ def test_where_the_episode_continues_the_cost_is_only_counted():
     assert not steps[-1][-1]["is_success"]
 
 
+def test_where_a_step_is_refused_nothing_is_paid_and_masks_tell_of_it():
+    env = row(3, on_exhausted="refuse", observation="masked")
+    env.reset()
+    follow(env, [EAST, EAST])  # 1 dB and 2 dB are paid
+    before = env.unwrapped.path
+    for action in (NORTH, WEST):  # to stay would cost 2 dB, to go back 1 dB
+        observation, reward, is_terminated, _, info = env.step(action)
+        assert (reward, is_terminated, info["cost"], info["budget_left"]) == (-1.0, False, 0.0, 0.0)
+        assert info["is_refused"]
+        assert env.unwrapped.path == before
+        assert np.flatnonzero(info["action_mask"]).tolist() == [EAST]
+        assert np.flatnonzero(observation["action_mask"]).tolist() == [EAST]
+        assert np.flatnonzero(env.unwrapped.action_masks()).tolist() == [EAST]
+
+    _, _, is_terminated, _, info = env.step(EAST)
+    assert is_terminated
+    assert info["is_success"]
+
+
 def test_what_a_front_says_can_be_paid_to_the_last_digit():
     env = make((0, 100), -60.0, cost="deficit", goal_bonus=30)
     cost = irs_gym.cost_map(env.unwrapped.radio_map, -60.0, "deficit")
@@ -300,7 +319,7 @@ def test_infos_are_plain_with_one_set_of_keys():
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-@pytest.mark.parametrize("on_exhausted", ["terminate", "continue"])
+@pytest.mark.parametrize("on_exhausted", ["terminate", "continue", "refuse"])
 @pytest.mark.parametrize(
     ("observation", "cost"), [("dict", "violation"), ("flat", "deficit"), ("masked", "outage")]
 )
@@ -327,8 +346,9 @@ def test_vector_env_equals_n_single_envs(observation, cost, on_exhausted, mode):
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize("on_exhausted", ["terminate", "refuse"])
 @pytest.mark.parametrize("cost", ["violation", "deficit"])
-def test_vector_env_over_many_scenes_equals_n_single_envs(cost, mode):
+def test_vector_env_over_many_scenes_equals_n_single_envs(cost, on_exhausted, mode):
     ours, single = both(
         "irs_gym:IrsNavRandom-v0",
         4,
@@ -336,13 +356,15 @@ def test_vector_env_over_many_scenes_equals_n_single_envs(cost, mode):
         scenes=tiny_pool(12, (9, 7)),
         constraint="budget",
         cost=cost,
+        on_exhausted=on_exhausted,
+        observation="masked" if on_exhausted == "refuse" else "dict",
         budget=(0.0, 6.0),
         random_start=0.5,
         goal_bonus=100.0,
         max_episode_steps=15,
         infos="all",
     )
-    assert assert_equal_for(120, ours, single) > 30
+    assert assert_equal_for(120, ours, single) > 20
 
 
 def test_a_state_goes_on_as_before_and_knows_what_is_left():

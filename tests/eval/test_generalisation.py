@@ -5,6 +5,7 @@ told.
 import json
 from dataclasses import asdict
 from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,12 +29,24 @@ from eval.commands import generalisation
 from eval.statistics import ONE_SEED, paired_difference
 from eval.unseen import policy_results, throughput
 from eval.unseen.gallery import choose_scenes
+from eval.unseen.pretrained_scores import score_pretrained
 from eval.unseen.scores import PAPER_TARGETS_DB, Player, detours, reference, score_unseen
 from irs_gym import load_scene
 from irs_gym.datasets import generator
+from irs_gym.datasets.scene_set import build_scene_set
 from irs_gym.oracle.shortest_path import distance_to_go
 
 POOL = tiny_pool(6, (12, 11))
+SCORE = {"scenes": 6, "success": 0.5, "spl": 0.25, "ratio": 1.125, "exact": None}
+PRETRAINED = {
+    "set": "ood-rooms",
+    "scenes": 6,
+    "hard": 4,
+    "rows": [
+        {"name": "U-Net", "track": "map", "chosen_among": 5, "all": SCORE, "hard": SCORE},
+        {"name": "replanning", "track": "local", "chosen_among": None, "all": SCORE, "hard": SCORE},
+    ],
+}
 SCENES = {"split": "train", "num_scenes": 3000, "test_split": "val", "test_scenes": 200}
 
 
@@ -52,6 +65,11 @@ def save(folder, config, seed, *, scenes=3000, spl=0.5):
     )
     run.update(status="finished")
     return run
+
+
+def generalisation_data():
+    """What the page in the documents was made of."""
+    return json.loads((Path(__file__).parents[2] / "docs" / "generalisation.json").read_text())
 
 
 @pytest.fixture
@@ -76,6 +94,7 @@ def small(monkeypatch):
     monkeypatch.setattr(
         generalisation, "largest_scene_set", lambda scenes: tiny_pool(2, (20, 20), seed=7)
     )
+    monkeypatch.setattr(generalisation, "_pretrained", lambda scenes: PRETRAINED)
     rates = {
         "load_before": 0.5,
         "scenes_per_second": 12.0,
@@ -129,6 +148,36 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
             .read_bytes()
             .startswith(b"\x89PNG")
         )
+
+
+def test_the_page_that_is_there_is_written_anew_with_the_pretrained_models_on_it(
+    monkeypatch, small, tmp_path
+):
+    kept = generalisation_data()
+    kept.pop("pretrained", None)
+    (tmp_path / "generalisation.json").write_text(json.dumps(kept))
+    assert call(monkeypatch, "generalisation", "--out", tmp_path) == 0
+    page = (tmp_path / "generalisation.md").read_text()
+    assert "| U-Net | the map | 0.5000 | 0.2500 | 1.1250 | – | 0.5000 | 0.2500 |" in page
+    assert "on the 6 scenes of `ood-rooms`, 4 of them hard" in page
+    again = json.loads((tmp_path / "generalisation.json").read_text())
+    assert again.pop("pretrained") == PRETRAINED
+    assert again == kept
+
+
+def test_without_a_page_there_is_none_to_write_anew(monkeypatch, tmp_path, capsys):
+    assert call(monkeypatch, "generalisation", "--out", str(tmp_path)) == 2
+    assert "generalisation.json" in capsys.readouterr().err
+
+
+def test_pretrained_models_are_scored_on_rooms_beside_references():
+    found = score_pretrained("ood-rooms", build_scene_set("ood-rooms", 3, jobs=1))
+    by_name = {each["name"]: each for each in found["rows"]}
+    assert len(by_name) == 6 + len(policy_results.REFERENCE_TITLES)
+    assert {each["track"] for each in found["rows"]} == {"map", "local"}
+    assert by_name["planning network, imitation"]["all"]["spl"] > 0.9
+    assert by_name["optimistic replanning"]["all"]["success"] == 1.0
+    assert by_name["greedy (octile)"]["all"]["scenes"] == found["scenes"] == 3
 
 
 def test_what_was_played_is_played_once_and_anew_for_another_model(tmp_path):

@@ -143,6 +143,7 @@ def test_a_scene_in_which_the_papers_numbers_do_not_hold_fails(tmp_path, capsys)
     ("arguments", "message"),
     [
         ({"scene": "workshop"}, "2 access points and 2 panels, not 1 and 1"),
+        ({"scene": "ward"}, "format_version 2"),
         ({"scene": "nowhere.json"}, "nowhere.json"),
         ({"draws": 10}, "draws=10 must be 1000 or more"),
     ],

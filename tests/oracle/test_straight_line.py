@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from irs_gym import build_radio_map, shortest_path, straight_line_bound, trade_off
-from irs_gym.oracle import straight_line
 
 
 def cells(*rows):
@@ -174,9 +173,3 @@ def test_a_line_that_misses_a_corner_by_next_to_nothing_is_told_from_one_that_cu
 def test_an_end_off_the_map_is_named():
     with pytest.raises(ValueError, match=r"goal=\(2, 0\) lies off the map"):
         straight_line_bound(np.ones((2, 2), bool), (0, 0), (2, 0), 1.0)
-
-
-def test_without_shapely_it_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(straight_line, "shapely", None)
-    with pytest.raises(ModuleNotFoundError, match=r"irs_gym\[geometry\]"):
-        straight_line_bound(np.ones((2, 2), bool), (0, 0), (1, 1), 1.0)

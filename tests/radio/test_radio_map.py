@@ -332,8 +332,8 @@ def test_a_scene_is_given_by_its_name_its_file_or_itself(tmp_path):
     assert np.array_equal(maps[0], maps[1])
     assert np.array_equal(maps[0], maps[2])
     assert as_scene(PAPER) is PAPER
-    with pytest.raises(FileNotFoundError, match="scene='warehouse' is neither a file nor"):
-        build_radio_map("warehouse")
+    with pytest.raises(FileNotFoundError, match="scene='hangar' is neither a file nor"):
+        build_radio_map("hangar")
 
 
 def test_an_antenna_in_the_centre_of_a_cell_is_refused():

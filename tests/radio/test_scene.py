@@ -9,7 +9,9 @@ import os
 import numpy as np
 import pytest
 
-from irs_gym.radio.scene import IrsPanel, Scene, load_scene, scene_names
+from irs_gym import build_radio_map, highest_feasible_target, shortest_path
+from irs_gym.radio.geometry import Boxes, is_in_footprint
+from irs_gym.radio.scene import IrsPanel, Obstacle, Scene, load_scene, scene_names
 
 PAPER = load_scene("paper")
 
@@ -170,7 +172,7 @@ def test_a_saved_scene_loads_as_it_was(tmp_path):
 def test_every_scene_of_the_package_loads_and_carries_its_name(name, tmp_path):
     scene = load_scene(name)
     assert scene.name == name
-    assert scene.format_version == 1
+    assert scene.format_version == (2 if name.startswith("war") else 1)
     scene.save(tmp_path / "copy.json")
     assert load_scene(tmp_path / "copy.json") == scene
 
@@ -201,9 +203,9 @@ def test_a_save_that_fails_leaves_the_old_file(step, tmp_path, monkeypatch):
 
 def test_no_such_scene_is_said_with_the_names_that_exist():
     with pytest.raises(
-        FileNotFoundError, match=r"scene='warehouse' is neither a file nor one of .*'paper'"
+        FileNotFoundError, match=r"scene='hangar' is neither a file nor one of .*'paper'"
     ):
-        load_scene("warehouse")
+        load_scene("hangar")
 
 
 def test_a_folder_is_no_scene(tmp_path):
@@ -306,7 +308,7 @@ MISTAKES = [
     (put("room", [20, 20, 5]), r"room: .* object"),
     (put("obstacles", {}), r"obstacles: .* array"),
     (put("start", [1, 2, 3]), r"start: .* at most 2 items"),
-    (put("format_version", 2), r"format_version: Input should be 1 \(got 2\)"),
+    (put("format_version", 3), r"format_version: Input should be 1 or 2 \(got 3\)"),
     (put("colour", "red"), r"colour: Extra inputs are not permitted \(got 'red'\)"),
     (put("room", "depth", 3), r"room.depth: Extra inputs are not permitted"),
     (put("irs_panels", 0, "tilt", 0), r"irs_panels\[0\].tilt: Extra inputs are not permitted"),
@@ -407,3 +409,44 @@ def test_a_file_may_say_its_target_and_its_resolution(tmp_path):
 def test_a_resolution_that_no_phase_shifter_has_is_refused(tmp_path, bits):
     with pytest.raises(ValueError, match="phase_bits: Input should be"):
         load_scene(written(tmp_path, put("phase_bits", bits)))
+
+
+# --- the other scenes of the package --------------------------------------------------------------
+
+
+def test_the_package_has_four_scenes():
+    assert scene_names() == ["paper", "ward", "warehouse", "workshop"]
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "without_target", "at_target"),
+    [("ward", (60, 52), 33.920, 38.485), ("warehouse", (120, 80), 55.0, 74.991)],
+)
+def test_in_ward_and_warehouse_the_panel_makes_the_task_and_the_target_a_detour(
+    name, shape, without_target, at_target
+):
+    scene = load_scene(name)
+    radio_map = build_radio_map(scene)
+    ends = [radio_map.grid.cell_of(end) for end in (scene.start, scene.goal)]
+    free = shortest_path(radio_map.free, *ends, cell_size=0.5)
+    feasible = shortest_path(radio_map.feasible(scene.target_db), *ends, cell_size=0.5)
+    assert radio_map.grid.shape == shape
+    assert (free.distance, feasible.distance) == pytest.approx(
+        (without_target, at_target), abs=1e-3
+    )
+    without = build_radio_map(scene, irs_elements=0)
+    assert highest_feasible_target(without.gain_db, *ends) < scene.target_db - 1
+    assert highest_feasible_target(radio_map.gain_db, *ends) > scene.target_db
+
+
+def test_nobody_drives_through_a_wall_of_the_ward():
+    scene = load_scene("ward")
+    grid = scene.grid(0.5)
+    thin = [each for each in scene.obstacles if isinstance(each, Obstacle) and min(each.size) < 0.2]
+    assert len(thin) > 20
+    for wall in thin:
+        # each takes a whole line of cells, as long as itself
+        taken = is_in_footprint(
+            grid.centres(), Boxes(*np.array([[wall.lower], [wall.upper]]))
+        ).sum()
+        assert abs(taken - max(wall.size[:2]) / 0.5) < 1

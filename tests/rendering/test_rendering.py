@@ -6,14 +6,17 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
+import shapely
 
 from irs_gym.grid import Grid
 from irs_gym.radio.radio_map import build_radio_map
 from irs_gym.radio.scene import load_scene
 from irs_gym.rendering import View, draw_frame, text_frame
 from irs_gym.rendering.background import COLOUR_MAP, OBSTACLE, ROBOT, background_of
+from irs_gym.rendering.episode_view import view_of
 from irs_gym.rendering.layout import round_steps
 from irs_gym.rendering.primitives import font
 
@@ -178,6 +181,46 @@ def test_every_obstacle_of_the_paper_is_where_the_scene_has_it():
             column, row = background_of(view).layout.pixels(obstacle.center).astype(int)
             assert tuple(frame[row, column]) == OBSTACLE
     assert np.isneginf(view.gain_db).sum() == 5 * 64
+
+
+def test_outlines_are_drawn_where_they_are_whatever_cells_they_take():
+    triangle = np.array([(-2.5, 2.5), (1.5, 3.0), (-0.5, 6.0), (-2.5, 2.5)])
+    plain, outlined = plain_view(), plain_view(outlines=(triangle,))
+    at = changed(draw_frame(plain, [START]), draw_frame(outlined, [START]))[:, ::-1]  # (n, 2), x, y
+    assert len(at) > 100
+    corners = background_of(outlined).layout.pixels(triangle)
+    sides = shapely.LineString(corners)
+    assert shapely.distance(sides, shapely.points(at + 0.5)).max() < 3
+    middles = (corners[1:] + corners[:-1]) / 2
+    assert all(np.hypot(*(at - middle).T).min() < 2 for middle in middles)
+
+
+def test_a_panel_with_an_angle_lies_along_it():
+    flat, steep = (
+        plain_view(irs_panels=((-0.5, 5.5),), panel_angles=(angle,), access_points=())
+        for angle in (0.0, 60.0)
+    )
+    bare = plain_view(irs_panels=(), access_points=())
+    empty = draw_frame(bare, [START])
+    spread = []
+    for view in (flat, steep):
+        at = changed(empty, draw_frame(view, [START])).astype(float)  # row, column
+        near = at[np.hypot(*(at - background_of(view).layout.pixels((-0.5, 5.5))[::-1]).T) < 14]
+        spread.append(np.cov(near.T)[0, 1])
+    assert abs(spread[0]) < 5 < 0.5 * abs(spread[1])
+    assert spread[1] < 0  # rows run down: up to the right
+
+
+@pytest.mark.parametrize("name", ["ward", "warehouse"])
+def test_scenes_of_format_2_show_their_outlines_and_those_of_format_1_do_not(name):
+    assert paper_view().outlines == ()
+    env = gymnasium.make("irs_gym:IrsNav-v0", scene=name)
+    world = env.unwrapped.world
+    view = view_of(world, world.start, world.goal)
+    scene = load_scene(name)
+    shapes = len(scene.obstacles) + (scene.floor.room is not None)
+    assert len(view.outlines) == shapes
+    assert all((ring[0] == ring[-1]).all() for ring in view.outlines)
 
 
 def test_infeasible_cells_are_paler_and_hatched_in_the_map_and_in_the_colour_bar():

@@ -83,7 +83,9 @@ def test_scoreboard_holds_the_eight_problems_and_ten_seeds_of_every_algorithm():
     board.check()
     configs = board.configs()
     assert len(configs) == 8 * 5 * 10
-    assert {config.agent.algorithm for config in configs} == set(specialists())
+    assert {config.agent.algorithm for config in configs} == set(specialists()) - {
+        "ppo_lagrangian"  # has a bound on the cost, and a board of its own
+    }
     assert all(config.agent == defaults_of(config.agent.algorithm).agent for config in configs)
     hardware = {
         (config.env.irs_elements is None, config.env.phase_bits, config.env.target_db): build_world(

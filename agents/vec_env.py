@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
+from irs_gym.envs.codebook_vector_nav import IrsNavCodebookVectorEnv
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
 from irs_gym.envs.vector_nav import IrsNavVectorEnv
 
@@ -36,10 +37,12 @@ class IrsNavVecEnv(VecEnv):
     render_mode
         ``"rgb_array"`` or ``"ansi"``.
     vector_env
-        What is made: `IrsNavVectorEnv`, or `IrsNavRandomVectorEnv` for many scenes.
+        What is made: `IrsNavVectorEnv`, `IrsNavRandomVectorEnv` for many scenes, or
+        `IrsNavCodebookVectorEnv` where the robot switches the panel.
     **env_kwargs
-        Its arguments: the fields of `irs_gym.mdp.task.Task`, or of
-        `irs_gym.datasets.random_task.RandomTask`.
+        Its arguments: the fields of `irs_gym.mdp.task.Task`, of
+        `irs_gym.datasets.random_task.RandomTask` or of
+        `irs_gym.datasets.codebook_task.CodebookTask`.
     """
 
     def __init__(
@@ -48,7 +51,9 @@ class IrsNavVecEnv(VecEnv):
         max_episode_steps: int = 400,
         render_mode: str | None = None,
         *,
-        vector_env: type[IrsNavVectorEnv | IrsNavRandomVectorEnv] = IrsNavVectorEnv,
+        vector_env: type[
+            IrsNavVectorEnv | IrsNavRandomVectorEnv | IrsNavCodebookVectorEnv
+        ] = IrsNavVectorEnv,
         **env_kwargs: Any,
     ) -> None:
         env_kwargs.setdefault("infos", "all")
@@ -189,8 +194,15 @@ class IrsNavVecEnv(VecEnv):
 
 def _spec(vector_env: type[Any], max_episode_steps: int, env_kwargs: dict[str, Any]) -> EnvSpec:
     """How `gymnasium.make` would make one of the environments."""
-    env_id = "IrsNavRandom-v0" if vector_env is IrsNavRandomVectorEnv else "IrsNav-v0"
+    env_id = _IDS[vector_env]
     return replace(gymnasium.spec(env_id), max_episode_steps=max_episode_steps, kwargs=env_kwargs)
+
+
+_IDS: dict[type[Any], str] = {
+    IrsNavVectorEnv: "IrsNav-v0",
+    IrsNavRandomVectorEnv: "IrsNavRandom-v0",
+    IrsNavCodebookVectorEnv: "IrsNavCodebook-v0",
+}
 
 
 def _one_by_one(infos: dict[str, Any]) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.model_file import read_network
 from agents.policies.policy import Policy
 from agents.registry import ALGORITHMS, generalists, observation_of, specialists
-from agents.rollout.episode import arguments_of
+from agents.rollout.episode import SceneTask, arguments_of, env_id_of
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
 from irs_gym.files import read_file
@@ -190,6 +190,6 @@ def _reference(
     return replace(blank, policy=make(blank.env))
 
 
-def _in_task(task: Task, render_mode: str) -> gymnasium.Env[Any, Any]:
+def _in_task(task: SceneTask, render_mode: str) -> gymnasium.Env[Any, Any]:
     arguments = arguments_of(replace(task, random_start=False))
-    return gymnasium.make("irs_gym:IrsNav-v0", render_mode=render_mode, **arguments)
+    return gymnasium.make(env_id_of(task), render_mode=render_mode, **arguments)

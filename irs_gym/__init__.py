@@ -128,11 +128,17 @@ _IRS_NAV_RANDOM = (
     "irs_gym.envs.random_vector_nav:make_vector_env",
 )
 
+_IRS_NAV_CODEBOOK = (
+    "irs_gym.envs.codebook_nav:make_env",
+    "irs_gym.envs.codebook_vector_nav:make_vector_env",
+)
+
 for _id, (_entry_point, _vector_entry_point), _arguments in (
     ("IrsNav-v0", _IRS_NAV, {}),
     ("IrsNavFlat-v0", _IRS_NAV, {"observation": "flat"}),
     ("IrsNavRandom-v0", _IRS_NAV_RANDOM, {}),
     ("IrsNavRandomFlat-v0", _IRS_NAV_RANDOM, {"observation": "flat"}),
+    ("IrsNavCodebook-v0", _IRS_NAV_CODEBOOK, {}),
 ):
     if _id not in registry:
         register(

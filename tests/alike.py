@@ -53,7 +53,7 @@ def assert_equal_for(steps: int, ours: gymnasium.vector.VectorEnv, single: SyncV
     for step in range(steps):
         if step % 500 == 499:
             assert_same(ours.reset(seed=step), single.reset(seed=step))
-        actions = rng.integers(0, 8, single.num_envs)
+        actions = rng.integers(0, ours.single_action_space.n, single.num_envs)
         mine, other = ours.step(actions), single.step(actions)
         assert_same(mine, other, f"step {step}: ")
         if step % 10 == 0:

@@ -3,7 +3,7 @@ those of an old run.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,13 +12,16 @@ from pydantic import TypeAdapter, ValidationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from agents.registry import ALGORITHMS, config_class
-from agents.rollout.episode import arguments_of
+from agents.rollout.episode import SceneTask, arguments_of, check_one_scene, scene_task_of
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run, RunError
 from agents.single.config import check_settings
 from agents.single.dqn import DqnConfig
+from irs_gym.datasets.codebook_task import CodebookKind, CodebookTask
+from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.datasets.splits import split_of
 from irs_gym.mdp.task import Task, resolved
+from irs_gym.radio.codebook import Codebook
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene
 
@@ -67,8 +70,9 @@ class TrainConfig(RunConfig):
     """
 
     agent: Any
-    env: Task
-    """What is trained on; tests differ from it by the fixed start alone."""
+    env: SceneTask
+    """What is trained on; tests differ from it by the fixed start alone. With a codebook,
+    `IrsNavCodebook-v0`, whose other arguments ``--env.codebook cover 8 --help`` tells."""
     stop_at_optimum: bool = True
     """Whether to stop once the oracle's distance is reached and held; the agent itself never sees
     the oracle.
@@ -79,6 +83,7 @@ class TrainConfig(RunConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_settings(self, "whole", "hold")
+        check_one_scene(self.env)
         if (
             isinstance(self.agent, DqnConfig)
             and self.agent.n_steps > 1
@@ -128,6 +133,7 @@ class GeneralistConfig(RunConfig):
     env: Scenes = Scenes()
 
 
+CODEBOOK_FLAG = "--env.codebook"
 _OF_THE_CALL = (
     "out",
     "resume",
@@ -147,6 +153,16 @@ def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig:
     return GeneralistConfig(agent=agent, env=Scenes(**row.env), **row.training)
 
 
+def with_codebook(env: SceneTask, **changes: Any) -> CodebookTask:
+    """The same of `IrsNavCodebook-v0`."""
+    known = {each.name for each in fields(CodebookTask)}
+    own = {name: value for name, value in arguments_of(env).items() if name in known}
+    task = scene_task_of({"codebook": CodebookTask.codebook, **own, **changes})
+    assert isinstance(task, CodebookTask)
+
+    return task
+
+
 def record_of(config: TrainConfig | GeneralistConfig) -> Config:
     """What a run folder keeps of the settings; what the environment leaves to its scene is written
     out.
@@ -156,6 +172,10 @@ def record_of(config: TrainConfig | GeneralistConfig) -> Config:
     if isinstance(env, Task):
         whole = resolved(env).arguments
         env = replace(env, target_db=whole.target_db, phase_bits=whole.phase_bits)
+    elif isinstance(env, CodebookTask):
+        whole = resolved(env.one_scene).arguments
+        bits = None if env.is_made else whole.phase_bits  # what is made holds its phases
+        env = replace(env, target_db=whole.target_db, phase_bits=bits)
 
     return Config(
         algorithm=config.agent.algorithm,
@@ -190,6 +210,10 @@ def settings_of(run: Run) -> TrainConfig | GeneralistConfig:
 def parse(algorithm: str, arguments: Sequence[str]) -> TrainConfig | GeneralistConfig:
     """Settings from a command line; ends the program with a message where it is wrong."""
     default = defaults_of(algorithm)
+    has_codebook = any(each.split("=")[0] == CODEBOOK_FLAG for each in arguments)
+    if has_codebook and isinstance(default, TrainConfig):
+        default = replace(default, env=with_codebook(default.env))
+
     return tyro.cli(
         type(default),
         default=default,
@@ -200,13 +224,38 @@ def parse(algorithm: str, arguments: Sequence[str]) -> TrainConfig | GeneralistC
     )
 
 
+def _codebook_rule() -> PrimitiveConstructorSpec[Any]:
+    """A design and a size, or the path of a file."""
+
+    def read(words: list[str]) -> Any:
+        if len(words) == 1 and words[0] not in get_args(CodebookKind):
+            return words[0]
+        if len(words) == 2 and words[1].isdecimal():
+            return words[0], int(words[1])
+        raise ValueError("give a design and a size, such as cover 8, or the path of a file")
+
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar="DESIGN SIZE|FILE",
+        instance_from_str=read,
+        is_instance=lambda value: isinstance(value, Codebook | str | Path | tuple),
+        str_from_instance=lambda value: (
+            [str(each) for each in value] if isinstance(value, tuple) else [str(value)]
+        ),
+    )
+
+
 def _registry() -> ConstructorRegistry:
-    """Lets a field that may hold a scene or a map take its name or the path of its file."""
+    """Lets a field that may hold a scene, a map or a codebook take its name or the path of its
+    file.
+    """
     registry = ConstructorRegistry()
 
     @registry.primitive_rule
     def _name_or_file(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[str | None] | None:
-        if not {Scene, RadioMap} & set(get_args(info.type)):
+        if Codebook in get_args(info.type):
+            return _codebook_rule()
+        if not {Scene, RadioMap, SceneSet} & set(get_args(info.type)):
             return None
         return PrimitiveConstructorSpec(
             nargs=1,

@@ -8,12 +8,20 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from agents.rollout.episode import arguments_of, evaluation_env
+from agents.rollout.episode import SceneTask, arguments_of, evaluation_env
 from agents.runs.manifest import AlgorithmName, Config
 from agents.runs.run_folder import COPIES, Run
+from irs_gym.datasets.codebook_task import CodebookTask
 from irs_gym.files import read_file
 from irs_gym.mdp.task import Task, checked_fields, task_of
-from train.config import GeneralistConfig, Scenes, TrainConfig, defaults_of, record_of
+from train.config import (
+    GeneralistConfig,
+    Scenes,
+    TrainConfig,
+    defaults_of,
+    record_of,
+    with_codebook,
+)
 from train.resume import ENDED
 
 MOST_BYTES = 2**20  # of a sweep file
@@ -118,7 +126,9 @@ class Plan(_Table):
         """
         configs = self.configs()
 
-        for env in dict.fromkeys(config.env for config in configs if isinstance(config.env, Task)):
+        for env in dict.fromkeys(
+            config.env for config in configs if isinstance(config.env, Task | CodebookTask)
+        ):
             try:
                 evaluation_env(env).close()
             except ValueError as error:
@@ -158,7 +168,10 @@ class Plan(_Table):
         )
 
 
-def _env_of(default: Task | Scenes, changes: Mapping[str, Any]) -> Task | Scenes:
+def _env_of(default: SceneTask | Scenes, changes: Mapping[str, Any]) -> SceneTask | Scenes:
+    if "codebook" in changes and isinstance(default, Task):
+        return with_codebook(default, **changes)
+
     arguments = {**arguments_of(default), **changes}
     return (
         task_of(arguments)

@@ -19,7 +19,10 @@ from agents.runs.run_folder import LockedError, Run, RunError
 from agents.single.model import build_model
 from agents.vec_env import IrsNavVecEnv
 from irs_gym.datasets import scene_set as pools
+from irs_gym.datasets.codebook_task import CodebookTask
+from irs_gym.envs.codebook_vector_nav import IrsNavCodebookVectorEnv
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
+from irs_gym.envs.vector_nav import IrsNavVectorEnv
 from train import resume
 from train.config import GeneralistConfig, TrainConfig, defaults_of, record_of, settings_of
 from train.evaluation import Evaluation, Progress
@@ -152,7 +155,13 @@ def _evaluation(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 def _material(config: TrainConfig | GeneralistConfig) -> Any:
     """What is trained on: an environment, or a pool of scenes."""
     if isinstance(config, TrainConfig):
-        return IrsNavVecEnv(config.agent.n_envs, **arguments_of(config.env))
+        # no learner reads more of the infos, and dicts of all of them take longer than the steps
+        told = ["is_success"]
+        is_switched = isinstance(config.env, CodebookTask)
+        kind = IrsNavCodebookVectorEnv if is_switched else IrsNavVectorEnv
+        return IrsNavVecEnv(
+            config.agent.n_envs, vector_env=kind, infos=told, **arguments_of(config.env)
+        )
 
     scenes = _pool(config, config.env.split, config.env.num_scenes)
     if _is_taught(config):

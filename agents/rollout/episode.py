@@ -1,6 +1,7 @@
 """`roll_out`: one episode of a policy, as what it achieved; and the environment to play it in."""
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import gymnasium
@@ -8,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy, takes_masks
+from irs_gym.datasets.codebook_task import CodebookTask, codebook_task_of
 from irs_gym.mdp.budget import OnExhausted
 from irs_gym.mdp.metrics import distance_ratio, soft_spl
-from irs_gym.mdp.task import Task
+from irs_gym.mdp.task import Task, task_of
 
 # Lengths are sums of floats: a path this much longer, in proportion, is as long as the oracle's.
 TOLERANCE = 1e-9
@@ -25,7 +27,8 @@ class EpisodeResult:
     is_success
         Whether the robot reached the goal, over cells at or above the target only.
     distance, oracle_distance
-        Metres travelled, and of the shortest feasible path from the same start.
+        Metres travelled, and of the shortest feasible path from the same start; where the panel is
+        switched, both with the costs of switches.
     spl
         Success weighted by path length: 0 for a failure, else oracle distance over distance.
     progress
@@ -38,6 +41,8 @@ class EpisodeResult:
         Undiscounted.
     path
         int64, shape ``(T, 2)``: cells visited.
+    switch_cells
+        int64, shape ``(n, 2)``: where the panel was switched; none where it follows the robot.
     """
 
     is_success: bool
@@ -49,6 +54,7 @@ class EpisodeResult:
     steps: int
     total_reward: float
     path: NDArray[np.int64]
+    switch_cells: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
 
     @property
     def ratio(self) -> float | None:
@@ -75,7 +81,36 @@ def arguments_of(task: Any) -> dict[str, Any]:
     return {each.name: getattr(task, each.name) for each in fields(task)}
 
 
-def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
+SceneTask = Task | CodebookTask
+"""What an agent learns in one scene."""
+
+
+def scene_task_of(arguments: Mapping[str, Any]) -> SceneTask:
+    """Task of keyword arguments of `gymnasium.make`: with a ``codebook``, of `IrsNavCodebook-v0`.
+
+    Raises ``TypeError`` for an unknown name, and ``ValueError`` for a value out of its range.
+    """
+    if "codebook" not in arguments:
+        return task_of(arguments)
+
+    task = codebook_task_of(arguments)
+    check_one_scene(task)
+
+    return task
+
+
+def check_one_scene(task: SceneTask) -> None:
+    """Refuse a task of many scenes by a ``ValueError``."""
+    if isinstance(task, CodebookTask) and task.has_many_scenes:
+        raise ValueError("split and scenes cannot be given here: this agent learns in one scene")
+
+
+def env_id_of(task: SceneTask) -> str:
+    """The environment of a task."""
+    return "irs_gym:IrsNavCodebook-v0" if isinstance(task, CodebookTask) else "irs_gym:IrsNav-v0"
+
+
+def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
     """The environment that policies are tested in: the task's, from its fixed start, with the
     least budget, which is the hardest to keep, and where a step that it cannot pay ends the episode
     though such steps may have been refused in training.
@@ -87,15 +122,13 @@ def evaluation_env(task: Task) -> gymnasium.Env[Any, Any]:
     ValueError
         Where it cannot be made; an infeasible target included.
     """
-    on_exhausted: OnExhausted = "continue" if task.on_exhausted == "continue" else "terminate"
-    tested = replace(
-        task,
-        random_start=False,
-        budget=task.rules.least_budget,
-        on_exhausted=on_exhausted,
-    )
+    tested: SceneTask = replace(task, random_start=False)
+    if isinstance(tested, Task):
+        on_exhausted: OnExhausted = "continue" if tested.on_exhausted == "continue" else "terminate"
+        least = tested.rules.least_budget
+        tested = replace(tested, budget=least, on_exhausted=on_exhausted)
 
-    return gymnasium.make("irs_gym:IrsNav-v0", **arguments_of(tested))
+    return gymnasium.make(env_id_of(task), **arguments_of(tested))
 
 
 def _misses(info: dict[str, Any]) -> bool:
@@ -111,8 +144,8 @@ def roll_out(
     seed: int | None = None,
     options: dict[str, Any] | None = None,
 ) -> EpisodeResult:
-    """Play one episode of an `IrsNav-v0` or `IrsNavRandom-v0` made by `gymnasium.make`, which
-    bounds its length.
+    """Play one episode of an `IrsNav-v0`, `IrsNavRandom-v0` or `IrsNavCodebook-v0` made by
+    `gymnasium.make`, which bounds its length.
     """
     is_masked = takes_masks(policy)
     observation, start = env.reset(seed=seed, options=options)
@@ -144,8 +177,10 @@ def roll_out(
         progress=0.0
         if has_missed
         else max(0.0, 1.0 - robot.distance_to_go / start["oracle_distance"]),
-        refused=steps - (len(path) - 1),
+        # steps that led nowhere: neither a move nor a switch of the panel
+        refused=steps - (len(path) - 1) - info.get("switches", 0),
         steps=steps,
         total_reward=total_reward,
         path=path,
+        switch_cells=np.reshape(getattr(robot, "switch_cells", []), (-1, 2)).astype(np.int64),
     )

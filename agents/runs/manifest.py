@@ -100,6 +100,6 @@ class Config(Record):
     seed: int
     env: dict[
         str, Any
-    ]  # fields of `irs_gym.mdp.task.Task`; for a generalist, of `train.config.Scenes`
+    ]  # fields of `agents.rollout.episode.SceneTask`; for a generalist, of `train.config.Scenes`
     agent: dict[str, Any]  # settings of the algorithm
     training: dict[str, Any]  # settings of the run

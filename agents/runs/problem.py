@@ -3,16 +3,20 @@ optimum.
 """
 
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 
+from agents.rollout.episode import SceneTask
+from irs_gym.datasets.codebook_task import CodebookTask
 from irs_gym.grid import Cell
 from irs_gym.mdp.budget import Budget, OnExhausted, range_of
 from irs_gym.mdp.cost import CostKind, cost_map
 from irs_gym.mdp.robot import Collision
-from irs_gym.mdp.task import Constraint, ForeignMap, Task, resolved
+from irs_gym.mdp.task import Constraint, ForeignMap, resolved
+from irs_gym.radio.codebook import Codebook
 from irs_gym.radio.irs import ArrayModel, Quantiser
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene, load_scene, scene_names
@@ -51,6 +55,12 @@ class Problem:
     corner_cutting: bool = True
     robot_radius: float = 0.0
     collision: Collision = "centre"
+    codebook: str | None = None
+    """Design and size of the codebook that the robot switches in, or the start of its SHA-256; None
+    where phases follow the robot.
+    """
+    switch_cost: float | None = None
+    """Metres."""
 
     @property
     def label(self) -> str:
@@ -86,6 +96,8 @@ class Problem:
         parts += [
             f"{name} {getattr(self, name)}" for name in ("start", "goal") if getattr(self, name)
         ]
+        if self.codebook is not None:
+            parts += [f"codebook {self.codebook}", f"{self.switch_cost:g} m a switch"]
 
         return ", ".join(parts)
 
@@ -112,7 +124,7 @@ class Problem:
         return "continuous" if self.phase_bits is None else f"{self.phase_bits} bit"
 
 
-def problem_of(task: Task) -> Problem:
+def problem_of(task: SceneTask) -> Problem:
     """The problem of a task.
 
     Raises
@@ -122,6 +134,12 @@ def problem_of(task: Task) -> Problem:
     ValueError
         Where one is damaged, or the elements do not fit the panels.
     """
+    if isinstance(task, CodebookTask):
+        whole_map = problem_of(task.one_scene)
+        return replace(
+            whole_map, codebook=_codebook_name(task.codebook), switch_cost=task.switch_cost
+        )
+
     whole = resolved(task)
     task = whole.arguments
     radio_map = None
@@ -176,6 +194,16 @@ def _scene_name(scene: Scene) -> str:
     if scene.name in scene_names() and _place(scene) == _place(load_scene(scene.name)):
         return scene.name
     return f"{scene.name[:60]}-{_digest(_place(scene).encode())}"
+
+
+def _codebook_name(codebook: Any) -> str:
+    """Design and size, or a name that tells what is made from all others."""
+    if isinstance(codebook, tuple):
+        return " ".join(map(str, codebook))
+
+    made = codebook if isinstance(codebook, Codebook) else Codebook.load(codebook)
+
+    return f"{made.size}-{_digest(made.phase_shifts.tobytes())}"
 
 
 def _place(scene: Scene) -> str:

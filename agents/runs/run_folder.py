@@ -2,8 +2,8 @@
 
 - ``manifest.json``: status, versions, commit, and the SHA-256 of all files below but the curve,
   signed with a key of the user's own. It makes a folder a run.
-- ``config.json``: algorithm, seed, environment and settings; a scene or map of the user's own is
-  copied beside it.
+- ``config.json``: algorithm, seed, environment and settings; a scene, map or codebook of the user's
+  own is copied beside it.
 - ``learning_curve.csv``: a row for each evaluation during training.
 - ``best-STEPS.npz``, ``last-STEPS.npz``: models, as plain arrays.
 - ``checkpoint-STEPS.pickle``: the state of a training that has not ended, to go on from; the newest
@@ -33,10 +33,11 @@ from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
 from agents.registry import generalists
+from agents.rollout.episode import SceneTask, scene_task_of
 from agents.runs import provenance, signature, weights
 from agents.runs.manifest import Config, FileEntry, GeneralistEntry, Manifest, ModelEntry, Record
 from irs_gym.files import read_file, write_file
-from irs_gym.mdp.task import Task, task_of
+from irs_gym.radio.codebook import Codebook
 from irs_gym.radio.radio_map import RadioMap, as_scene
 from irs_gym.radio.scene import scene_names
 
@@ -46,6 +47,7 @@ MOST_BYTES = {".json": 2**22, ".npz": 2**28, ".pickle": 2**34}
 COPIES = {
     "scene": "scene.json",
     "radio_map": "radio_map.npz",
+    "codebook": "codebook.npz",
 }  # of the user's own files, within the folder
 
 
@@ -184,7 +186,7 @@ class Run:
         return self.config.algorithm in generalists()
 
     @property
-    def task(self) -> Task:
+    def task(self) -> SceneTask:
         """The environment that was trained on; raises `RunError` for a generalist."""
         if self.is_generalist:
             raise RunError(
@@ -197,7 +199,7 @@ class Run:
             if arguments.get(name) == copy:
                 self._checked(copy)
                 arguments[name] = self.folder / copy
-            elif arguments.get(name) not in (None, *(scene_names() if name == "scene" else ())):
+            elif not _is_named(name, arguments.get(name)):
                 where = str(self.folder / "config.json")
                 raise RunError(
                     f"{where!r}: {name}={arguments[name]!r} is not in the folder: "
@@ -205,7 +207,7 @@ class Run:
                 )
 
         try:
-            return task_of(arguments)
+            return scene_task_of(arguments)
         except (TypeError, ValueError) as error:
             raise RunError(f"{str(self.folder / 'config.json')!r}: {error}") from None
 
@@ -437,8 +439,19 @@ def _remove_leftovers(target: Path) -> None:
             shutil.rmtree(path, ignore_errors=True)
 
 
+def _is_named(name: str, value: Any) -> bool:
+    """Whether an argument is none of the user's own: nothing, a scene of the package, or a design
+    of codebooks.
+    """
+    if value is None or (name == "scene" and value in scene_names()):
+        return True
+    return name == "codebook" and isinstance(value, list | tuple)
+
+
 def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Arguments of an environment with the user's own scene or map copied into the folder."""
+    """Arguments of an environment with the user's own scene, map or codebook copied into the
+    folder.
+    """
     arguments = dict(env)
     scene = arguments.get("scene")
     radio_map = arguments.get("radio_map")
@@ -450,5 +463,11 @@ def _with_copies(env: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         copy = radio_map if isinstance(radio_map, RadioMap) else RadioMap.load(radio_map)
         copy.save(folder / COPIES["radio_map"], fading=True)
         arguments["radio_map"] = COPIES["radio_map"]
+
+    codebook = arguments.get("codebook")
+    if not _is_named("codebook", codebook):
+        own = codebook if isinstance(codebook, Codebook) else Codebook.load(codebook)  # type: ignore[arg-type]
+        own.save(folder / COPIES["codebook"])
+        arguments["codebook"] = COPIES["codebook"]
 
     return arguments

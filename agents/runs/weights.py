@@ -19,7 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 from agents.networks.map_network import FILE_BYTES
 from agents.policies.model_file import read_network
 from agents.registry import ALGORITHMS, config_class, learner_class, observation_of
-from agents.rollout.episode import evaluation_env
+from agents.rollout.episode import SceneTask, evaluation_env
 from agents.runs.manifest import Config
 from agents.single.config import Sb3Config
 from agents.single.model import first_layer, policy_kwargs, policy_name
@@ -27,7 +27,7 @@ from irs_gym.datasets.splits import split_of
 from irs_gym.files import read_arrays
 from irs_gym.grid import MOVES
 from irs_gym.mdp.packing import Packing
-from irs_gym.mdp.task import Task, build_world
+from irs_gym.mdp.task import Task
 
 _IDLE = (
     "value_net",
@@ -60,7 +60,7 @@ def pack(config: Config, model: Any) -> bytes:
     return content.getvalue()
 
 
-def load(config: Config, task: Task | None, content: bytes) -> Any:
+def load(config: Config, task: SceneTask | None, content: bytes) -> Any:
     """The policy in the content of a model's file, to act with.
 
     Parameters
@@ -79,14 +79,18 @@ def load(config: Config, task: Task | None, content: bytes) -> Any:
         task cannot be made.
     """
     if ALGORITHMS[config.algorithm].is_sb3:
-        return _rebuild(config, _space_of(config, task), _read(content))
+        return _rebuild(config, *_spaces_of(config, task), _read(content))
 
-    shape = None if task is None else build_world(task).feasible.shape
+    # asked for outside of what is tried: a task that cannot be made is no fault of the file
+    env: Any = None if task is None else evaluation_env(task)
     try:
-        return (
-            read_network(content)
-            if shape is None
-            else learner_class(config.algorithm).of(read_arrays(content, limit=FILE_BYTES), shape)
+        if env is None:
+            return read_network(content)
+
+        return learner_class(config.algorithm).of(
+            read_arrays(content, limit=FILE_BYTES),
+            env.unwrapped.world.feasible.shape,
+            actions_of(env.action_space),
         )
     except ValueError as error:
         raise WeightsError(str(error)) from None
@@ -99,18 +103,26 @@ def _read(content: bytes) -> dict[str, NDArray[Any]]:
         raise WeightsError(str(error)) from None
 
 
-def _space_of(config: Config, task: Task | None) -> spaces.Space[Any]:
-    """What the policy sees."""
+def _spaces_of(config: Config, task: SceneTask | None) -> tuple[spaces.Space[Any], int]:
+    """What the policy sees, and how many actions it has."""
     if task is not None:
-        return evaluation_env(task).observation_space
+        env = evaluation_env(task)
+        return env.observation_space, actions_of(env.action_space)
 
     seen = observation_of(config.algorithm)
     frame = split_of(str(config.env.get("split"))).frame
 
-    return Packing(seen, 2 * Task.patch_radius + 1, _IRS_OF_MANY_SCENES, frame).space
+    return Packing(seen, 2 * Task.patch_radius + 1, _IRS_OF_MANY_SCENES, frame).space, len(MOVES)
 
 
-def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDArray[Any]]) -> Any:
+def actions_of(space: Any) -> int:
+    """How many actions there are in a discrete space."""
+    return int(space.n)
+
+
+def _rebuild(
+    config: Config, space: spaces.Space[Any], actions: int, weights: Mapping[str, NDArray[Any]]
+) -> Any:
     """The policy of Stable-Baselines3 with these weights, which must be all that act."""
     import torch
 
@@ -121,13 +133,13 @@ def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDA
             f"its settings are wrong: {error.errors(include_url=False)[0]['msg']}"
         ) from None
 
-    if _least(agent, space) > sum(
+    if _least(agent, space, actions) > sum(
         each.size for each in weights.values()
     ):  # before networks are made that fill memory
         raise WeightsError("it does not fit its configuration, whose networks are larger")
 
     make = learner_class(config.algorithm).policy_aliases[policy_name(agent, space)]
-    policy = make(space, spaces.Discrete(len(MOVES)), lambda _: 0.0, **policy_kwargs(agent))
+    policy = make(space, spaces.Discrete(actions), lambda _: 0.0, **policy_kwargs(agent))
     wanted = {
         name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)
     }
@@ -148,10 +160,10 @@ def _rebuild(config: Config, space: spaces.Space[Any], weights: Mapping[str, NDA
     return policy
 
 
-def _least(agent: Sb3Config, space: spaces.Space[Any]) -> int:
+def _least(agent: Sb3Config, space: spaces.Space[Any], actions: int) -> int:
     """Numbers that the networks of these settings hold at the least."""
     first = first_layer(agent, space)
-    last = len(MOVES) * getattr(agent, "n_quantiles", 1)
+    last = actions * getattr(agent, "n_quantiles", 1)
     return sum(before * behind for before, behind in pairwise((first, *agent.net_arch, last)))
 
 

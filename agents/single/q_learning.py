@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.single.config import check_schedule, check_settings
+from irs_gym.mdp.codebook_packing import own_states
 from irs_gym.mdp.packing import Packing
 
 if TYPE_CHECKING:
@@ -63,7 +64,8 @@ class QLearning:
     ----------
     table
         Values of the eight actions in each flat cell, shape ``(X * Y, 8)``, for the one goal of its
-        environment.
+        environment; where the panel has K configurations, of all actions in each state, shape ``(K
+        * X * Y, 8 + K)``.
     num_timesteps
         Steps trained so far, over all environments.
     """
@@ -91,15 +93,18 @@ class QLearning:
     def build(cls, config: QLearningConfig, env: VecEnv, seed: int) -> QLearning:
         """An empty table to train. ``env`` should hold as many environments as the settings say."""
         shape = env.get_attr("world")[0].feasible.shape
-        return cls(np.zeros((math.prod(shape), 8)), shape, config, env, seed)
+        actions: Any = env.action_space
+        return cls(np.zeros(_table_shape(shape, actions.n)), shape, config, env, seed)
 
     @classmethod
-    def of(cls, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> QLearning:
+    def of(
+        cls, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, int], actions: int = 8
+    ) -> QLearning:
         """What acts by the table of a file; raises ``ValueError`` where that is none for a grid of
-        that shape.
+        that shape and so many actions.
         """
         table = arrays.get("table")
-        wanted = (math.prod(shape), 8)
+        wanted = _table_shape(shape, actions)
         if (
             set(arrays) != {"table"}
             or table is None
@@ -192,12 +197,23 @@ class QLearning:
         """The action of greatest value, the first of equals, or with the given probability any."""
         is_random = self._rng.random(cells.shape) < epsilon
         return np.where(
-            is_random, self._rng.integers(8, size=cells.shape), self.table[cells].argmax(axis=-1)
+            is_random,
+            self._rng.integers(self.table.shape[1], size=cells.shape),
+            self.table[cells].argmax(axis=-1),
         )
 
     def _scheduled(self, start: float, end: float) -> float:
         return start + min(self.num_timesteps / self.config.total_timesteps, 1.0) * (end - start)
 
     def _decode(self, observation: Any) -> NDArray[np.int64]:
-        """Flat cells of the robots."""
+        """Flat cells of the robots, or states of robots and panels."""
+        configurations = self.table.shape[1] - 8
+        if configurations:
+            return own_states(observation, self.shape, configurations)
+
         return Packing.of(observation, self.shape).own_cells(observation)
+
+
+def _table_shape(shape: tuple[int, int], actions: int) -> tuple[int, int]:
+    """States and actions: cells and moves, or those and switches for each configuration."""
+    return max(1, actions - 8) * math.prod(shape), actions

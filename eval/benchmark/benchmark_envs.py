@@ -17,6 +17,8 @@ from irs_gym.mdp.observation import build_observer
 from irs_gym.mdp.packing import Packing
 
 ID = "irs_gym:IrsNav-v0"
+CODEBOOK_ID = "irs_gym:IrsNavCodebook-v0"
+CODEBOOK = "IrsNavCodebook-v0, K = 16"
 CYCLE = 401  # steps of a whole episode of IrsNav-v0 under random actions, the reset included
 BenchmarkEnvs = dict[str, tuple[str, Callable[[], Steps]]]
 """By name: the package that it needs, and how to prepare it."""
@@ -24,6 +26,7 @@ BenchmarkEnvs = dict[str, tuple[str, Callable[[], Steps]]]
 SINGLE: BenchmarkEnvs = {
     "IrsNav-v0": ("irs_gym", lambda: single(ID)),
     "IrsNav-v0, flat": ("irs_gym", lambda: single(ID, observation="flat")),
+    CODEBOOK: ("irs_gym", lambda: single(CODEBOOK_ID, codebook=("cover", 16))),
     "CartPole-v1": ("gymnasium", lambda: single("CartPole-v1")),
     "FrozenLake-v1": ("gymnasium", lambda: single("FrozenLake-v1")),
     "Minigrid Empty-16x16": ("minigrid", lambda: single("MiniGrid-Empty-16x16-v0")),
@@ -40,6 +43,7 @@ def vector(num_envs: int) -> BenchmarkEnvs:
         "IrsNav-v0, copy=False": ("irs_gym", lambda: batch(ID, num_envs, copy=False)),
         "IrsNav-v0, infos='all'": ("irs_gym", lambda: batch(ID, num_envs, infos="all")),
         "IrsNav-v0, infos=[]": ("irs_gym", lambda: batch(ID, num_envs, infos=[])),
+        CODEBOOK: ("irs_gym", lambda: batch(CODEBOOK_ID, num_envs, codebook=("cover", 16))),
         "bare np.take": ("irs_gym", lambda: bare_take(num_envs)),
         "CartPole-v1": (
             "gymnasium",

@@ -22,7 +22,7 @@ from agents.rollout.scene_set import play_scene_set
 from agents.runs import provenance
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
-from eval.scoreboard.overlay import draw_path_overlay
+from eval.scoreboard.overlay import draw_path_overlay, map_of
 from eval.scoreboard.results import LeftOut
 from eval.scoreboard.score import PolicyScore, play_references, score
 from eval.unseen.scores import (
@@ -186,7 +186,7 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScor
     write_file(run.folder / "scores.json", data.encode())
 
     paths = {"oracle": played["oracle"][0], run.config.algorithm.upper(): learned}
-    world = env.unwrapped.world  # type: ignore[attr-defined]
+    world = map_of(env)
     write_file(run.folder / "paths.png", draw_path_overlay(world, paths))
 
     print(f"{run.folder}: {model} model, after {entry.steps:,} steps, at {world.target_db:g} dB")

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from agents.runs import provenance
 from eval.benchmark import costs
-from eval.benchmark.benchmark_envs import ID, SINGLE, BenchmarkEnvs, prepare, vector
+from eval.benchmark.benchmark_envs import CODEBOOK, ID, SINGLE, BenchmarkEnvs, prepare, vector
 from eval.benchmark.costs import EventCost
 from eval.benchmark.page import speed_page, tables
 from eval.benchmark.timing import Rates, time_in_turns
@@ -27,13 +27,14 @@ RACES: dict[str, BenchmarkEnvs] = {
     "1,024 environments": vector(1024),
     "64 environments": vector(64),
 }
-# race, contender, how many times its speed we say we reach
+# race, ours, contender, how many times its speed we say we reach
 RATIOS = (
-    ("one environment", "CartPole-v1", 1.5),
-    ("one environment", "Minigrid Empty-16x16", 30.0),
-    ("1,024 environments", "CartPole-v1", 1.8),
-    ("1,024 environments", "bare np.take", 0.3),
-    ("64 environments", "CartPole-v1", 2.5),
+    ("one environment", OURS, "CartPole-v1", 1.5),
+    ("one environment", OURS, "Minigrid Empty-16x16", 30.0),
+    ("1,024 environments", OURS, "CartPole-v1", 1.8),
+    ("1,024 environments", CODEBOOK, "CartPole-v1", 1.2),
+    ("1,024 environments", OURS, "bare np.take", 0.3),
+    ("64 environments", OURS, "CartPole-v1", 2.5),
 )
 MOST_SECONDS = {
     "each frame after it": 0.010,
@@ -149,11 +150,11 @@ def judge(rates: dict[str, Rates], found: list[EventCost]) -> list[Bar]:
     """Each bar, and whether the median of the measurements meets it."""
     bars = []
 
-    for title, other, least in RATIOS:
-        what = f"{title}: {OURS} over {other}"
+    for title, ours, other, least in RATIOS:
+        what = f"{title}: {ours} over {other}"
         needed = f"at least {least:g} x"
-        if other in rates[title].by_name:
-            ratio = rates[title].ratio(OURS, other)
+        if {ours, other} <= set(rates[title].by_name):
+            ratio = rates[title].ratio(ours, other)
             measured = f"{ratio.median:.3g} x ({ratio.low:.3g} to {ratio.high:.3g})"
             bars.append(Bar(what, needed, measured, ratio.median >= least))
         else:

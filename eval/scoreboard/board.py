@@ -12,7 +12,7 @@ from eval.estimates import finite
 from eval.markdown import printable
 from eval.origin import origins
 from eval.scoreboard.learning_curves import draw_curves
-from eval.scoreboard.overlay import draw_path_overlay
+from eval.scoreboard.overlay import draw_path_overlay, map_of
 from eval.scoreboard.results import Group, LeftOut, Result
 from eval.scoreboard.seed_scores import (
     SeedScores,
@@ -95,14 +95,14 @@ def _draw(
 ) -> dict[str, bytes]:
     """Learning curves of all seeds, and the path of the worst seed of each algorithm."""
     worst = {name: max(results, key=lambda each: each.rank) for name, results in found.items()}
-    env: Any = evaluation_env(next(iter(worst.values())).run.task).unwrapped
+    env = evaluation_env(next(iter(worst.values())).run.task)
     paths = {f"{name}, seed {each.seed}": each.episode for name, each in worst.items()}
     curves = {name: [each.curve for each in results] for name, results in found.items()}
 
     return {
         f"{problem.slug}-curves.png": draw_curves(curves),
         f"{problem.slug}-paths.png": draw_path_overlay(
-            env.world, {"oracle": oracle, **paths}, dpi=100, in_palette=True
+            map_of(env), {"oracle": oracle, **paths}, dpi=100, in_palette=True
         ),
     }
 

@@ -14,6 +14,7 @@ from matplotlib.transforms import Affine2D
 
 from agents.rollout.episode import EpisodeResult
 from eval.pictures import add_legend, as_png
+from irs_gym.mdp.codebook_rules import reach_world
 from irs_gym.mdp.task import World
 
 BROAD: dict[str, Any] = {"color": "white", "linewidth": 5.0, "linestyle": "-"}
@@ -50,6 +51,18 @@ def draw_path_overlay(
         if n == 0:
             line.set_path_effects(RIM)
 
+        places = world.radio_map.grid.centres()[tuple(episode.switch_cells.T)]  # (switches, 2)
+        if len(places):
+            axes.plot(
+                *places.T,
+                "X",
+                color=line.get_color(),
+                markeredgecolor="black",
+                markersize=12 - 2 * n,
+                zorder=3,
+                label=f"{name}: {len(places)} switches",
+            )
+
     draw_ends(axes, world)
 
     handles, _ = axes.get_legend_handles_labels()
@@ -61,6 +74,14 @@ def draw_path_overlay(
     axes.set(title=_title(world), xlabel="x (m)", ylabel="y (m)")
 
     return as_png(figure, dpi, in_palette=in_palette)
+
+
+def map_of(env: Any) -> World:
+    """The map that paths in an environment are drawn over: where the panel is switched, of all that
+    its configurations reach.
+    """
+    robot = env.unwrapped
+    return reach_world(robot.maps, 0) if hasattr(robot, "maps") else robot.world
 
 
 def _style(n: int) -> dict[str, Any]:

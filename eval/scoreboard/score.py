@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from agents.policies.codebook_heuristics import CODEBOOK_REFERENCES
 from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.policy import Policy
 from agents.rollout.episode import EpisodeResult, roll_out
@@ -72,7 +73,9 @@ def play_references(
 
     ``episodes`` is how many the random policies play; one is enough for all others.
     """
-    references = {name: make(env, seed) for name, make in REFERENCE_POLICIES.items()}
+    robot: Any = env.unwrapped
+    known = CODEBOOK_REFERENCES if hasattr(robot, "maps") else REFERENCE_POLICIES
+    references = {name: make(env, seed) for name, make in known.items()}
     policies = {"oracle": references.pop("oracle"), **learned, **references}
     return {
         name: [roll_out(policy, env) for _ in range(episodes if name in RANDOM else 1)]

@@ -195,38 +195,47 @@ class Worlds:
 
     def number_of(self, scene_id: Any) -> int:
         """Number of a scene from its name or number; a ``ValueError`` tells what there is."""
-        names = self.pool.names
-        if isinstance(scene_id, str):
-            if names.count(scene_id) == 1:
-                return names.index(scene_id)
-            if scene_id in names:
-                raise ValueError(
-                    f"scene_id={scene_id!r} is the name of {names.count(scene_id)} scenes: "
-                    "give a number"
-                )
-        else:
-            try:
-                number = index(scene_id)
-            except TypeError:
-                number = -1
-
-            if 0 <= number < len(names) and not isinstance(scene_id, bool):
-                return number
-
-        some = ", ".join(map(repr, names[:3])) + (f" ... {names[-1]!r}" if len(names) > 3 else "")
-        raise ValueError(
-            f"scene_id={scene_id!r} must be a name of a scene ({some}) "
-            f"or a number from 0 to {len(names) - 1}"
-        )
+        return scene_number(self.pool.names, scene_id)
 
     def choose(self, scene_id: Any, rng: np.random.Generator) -> int:
         """Number of the scene of an episode: the one that is asked for, or one drawn, all equally
         likely.
         """
-        return int(rng.integers(len(self))) if scene_id is None else self.number_of(scene_id)
+        return chosen_scene(self.pool.names, scene_id, rng)
 
     def __reduce__(self) -> Any:
         return build_worlds, (self.task,)
+
+
+def scene_number(names: Sequence[str], scene_id: Any) -> int:
+    """Number of a scene from its name or number; a ``ValueError`` tells what there is."""
+    if isinstance(scene_id, str):
+        if names.count(scene_id) == 1:
+            return names.index(scene_id)
+        if scene_id in names:
+            raise ValueError(
+                f"scene_id={scene_id!r} is the name of {names.count(scene_id)} scenes: "
+                "give a number"
+            )
+    else:
+        try:
+            number = index(scene_id)
+        except TypeError:
+            number = -1
+
+        if 0 <= number < len(names) and not isinstance(scene_id, bool):
+            return number
+
+    some = ", ".join(map(repr, names[:3])) + (f" ... {names[-1]!r}" if len(names) > 3 else "")
+    raise ValueError(
+        f"scene_id={scene_id!r} must be a name of a scene ({some}) "
+        f"or a number from 0 to {len(names) - 1}"
+    )
+
+
+def chosen_scene(names: Sequence[str], scene_id: Any, rng: np.random.Generator) -> int:
+    """Number of the scene of an episode; see `Worlds.choose`."""
+    return int(rng.integers(len(names))) if scene_id is None else scene_number(names, scene_id)
 
 
 def build_worlds(task: RandomTask) -> Worlds:

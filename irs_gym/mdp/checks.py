@@ -13,24 +13,25 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from irs_gym.grid import MOVE_NAMES, as_cell
+from irs_gym.mdp.codebook_packing import CodebookPacking
 from irs_gym.mdp.dynamics import ACTIONS
 from irs_gym.mdp.packing import Packing
 from irs_gym.memory import check_memory
+from irs_gym.radio.codebook import Codebook
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}
-_ACTIONS = "an integer from 0 to 7: " + ", ".join(
-    f"{n} {name}" for n, name in enumerate(MOVE_NAMES)
-)
+_MOVES = ", ".join(f"{n} {name}" for n, name in enumerate(MOVE_NAMES))
 
 
 class PlainSpec:
     """The attribute ``spec``: how `gymnasium.make` makes an environment again, kept with arguments
     that JSON can hold.
 
-    A `Scene` and a `RadioMap` become dicts and a path a string, which the environments take in
-    their place. A `SceneSet` stays what it is: it is the one argument that JSON cannot hold.
+    A `Scene`, a `Codebook` and a `RadioMap` become dicts and a path a string, which the
+    environments take in their place. A `SceneSet` stays what it is: it is the one argument that
+    JSON cannot hold.
     """
 
     def __get__(self, env: Any, kind: Any = None) -> EnvSpec | None:
@@ -51,7 +52,7 @@ def as_data(argument: Any) -> Any:
     >>> as_data((np.int64(3), Path("floor.npz")))
     [3, 'floor.npz']
     """
-    if isinstance(argument, Scene | RadioMap):
+    if isinstance(argument, Codebook | RadioMap | Scene):
         known = {"fading": True} if isinstance(argument, RadioMap) else {}
         return argument.to_data(**known)
     if isinstance(argument, Enum):  # an autoreset mode
@@ -77,15 +78,21 @@ def checked_render_mode(render_mode: str | None) -> str | None:
     return render_mode
 
 
-def checked_action(action: Any) -> int:
-    """The action as an int; a ``ValueError`` lists the actions for one that is none.
+def _said(count: int) -> str:
+    """The actions in words: moves, and switches where there are more."""
+    switches = "" if count == ACTIONS else ", then a switch into each configuration"
+    return f"an integer from 0 to {count - 1}: {_MOVES}{switches}"
+
+
+def checked_action(action: Any, count: int = ACTIONS) -> int:
+    """The action of ``count`` as an int; a ``ValueError`` lists the actions for one that is none.
 
     Examples
     --------
     >>> checked_action(np.int64(7))
     7
     """
-    if type(action) is int and 0 <= action < ACTIONS:  # nearly all are: a step has no time to lose
+    if type(action) is int and 0 <= action < count:  # nearly all are: a step has no time to lose
         return action
 
     try:
@@ -94,14 +101,16 @@ def checked_action(action: Any) -> int:
         number = -1
 
     # True would pass for 1.
-    if not 0 <= number < ACTIONS or isinstance(action, bool | np.bool_):
-        raise ValueError(f"action={action!r} must be {_ACTIONS}")
+    if not 0 <= number < count or isinstance(action, bool | np.bool_):
+        raise ValueError(f"action={action!r} must be {_said(count)}")
 
     return number
 
 
-def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
-    """Actions of ``count`` robots as an array; a ``ValueError`` names the first that is none."""
+def checked_actions(actions: Any, count: int, of: int = ACTIONS) -> NDArray[np.int64]:
+    """Actions of ``count`` robots, out of ``of``, as an array; a ``ValueError`` names the first
+    that is none.
+    """
     checked: NDArray[np.integer[Any]] = np.asarray(actions)
     if checked.shape != (count,) or checked.dtype.kind not in "iu":
         raise ValueError(
@@ -110,10 +119,10 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
         )
 
     numbers = checked.astype(np.int64, copy=False)
-    is_wrong = numbers.view(np.uint64) >= ACTIONS  # where a negative number is a huge one
+    is_wrong = numbers.view(np.uint64) >= of  # where a negative number is a huge one
     if np.count_nonzero(is_wrong):
         first = int(np.flatnonzero(is_wrong)[0])
-        raise ValueError(f"actions[{first}]={checked[first]} must be {_ACTIONS}")
+        raise ValueError(f"actions[{first}]={checked[first]} must be {_said(of)}")
 
     return numbers
 
@@ -137,7 +146,9 @@ def checked_options(options: dict[str, Any] | None, *more: str) -> dict[str, Any
     }
 
 
-def check_num_envs(num_envs: int, max_episode_steps: int, packing: Packing) -> None:
+def check_num_envs(
+    num_envs: int, max_episode_steps: int, packing: Packing | CodebookPacking
+) -> None:
     """Refuse a vector environment whose observations and paths would take too much memory, before
     any is made.
     """

@@ -90,14 +90,33 @@ def permissions(
     ['S']
     """
     keeps_target = legal_moves(feasible, **motion)
+    is_open = keeps_target if constraint == "refuse" else legal_moves(free, **motion)
+
+    return judged(constraint, is_open, keeps_target, feasible[..., None])
+
+
+def judged(
+    constraint: Constraint, is_open: Bools, keeps_target: Bools, is_feasible: Bools
+) -> tuple[Bools, Bools]:
+    """Which actions are not refused, and which miss the target; see `permissions`.
+
+    Parameters
+    ----------
+    constraint
+        What happens where the target is missed.
+    is_open
+        Whether an action leads to where a robot can be, of any shape.
+    keeps_target
+        Whether it leads to where the target is met.
+    is_feasible
+        Whether the target is met where the robot is before, broadcast against the others.
+    """
     if constraint == "refuse":
         return keeps_target, np.zeros_like(keeps_target)
-
-    is_open = legal_moves(free, **motion)
     if constraint == "terminate":
         return keeps_target, is_open & ~keeps_target
 
-    return is_open, np.where(is_open, ~keeps_target, ~feasible[..., None])
+    return is_open, np.where(is_open, ~keeps_target, ~is_feasible)
 
 
 def refused_reward(rules: Rules, actions: Any, cell_size: float) -> Any:

@@ -54,24 +54,29 @@ class PathHistory:
 
         Refused moves are left out.
         """
+        return cells_of(self.flat(robot, of_last_episode=of_last_episode), self._shape)
+
+    def flat(self, robot: int, *, of_last_episode: bool | np.bool_ = False) -> NDArray[np.int64]:
+        """The flat cells behind `path`, one a step and the first, ``(T,)``."""
         # the cell in which it began, and then one cell a step: rows of the ring
         which = int(of_last_episode)
         end = self._ended[robot] if of_last_episode else self._clock
         steps = range(int(self._began[which, robot]) + 1, int(end) + 1)
         walked = [self._rows[step % len(self._rows)][robot] for step in steps]
 
-        return cells_of(np.array([self._starts[which, robot], *walked]), self._shape)
+        return np.array([self._starts[which, robot], *walked])
 
 
 def cells_of(flat: NDArray[np.integer], shape: tuple[int, int]) -> list[Cell]:
     """Cells (i, j) of flat cells ``(T,)`` of a map, or of several one above the other; repetitions
-    in a row count once.
+    in a row count once, whichever map they are of.
 
     Examples
     --------
     >>> cells_of(np.array([0, 0, 5, 6, 6]), (3, 5))
     [(0, 0), (1, 0), (1, 1)]
     """
+    flat = flat % (shape[0] * shape[1])
     moved = flat[np.append(True, flat[1:] != flat[:-1])]
     i, j = cells_at(moved, shape).T
-    return list(zip((i % shape[0]).tolist(), j.tolist(), strict=True))
+    return list(zip(i.tolist(), j.tolist(), strict=True))

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from zlib import crc32
 
 _LAYOUT = Struct("<8sIIIIdIdd??")
+_SWITCHES = Struct("<Id")
 _CHECK = Struct("<I")
 
 
@@ -29,22 +30,30 @@ class Snapshot(NamedTuple):
     budget_left: float
     has_violated: bool
     is_running: bool
+    # where the panel is switched, and configurations are part of start and cell
+    switches: int | None = None
+    metres: float | None = None  # of the distance, the part that is no switch's
 
     def to_bytes(self) -> bytes:
-        """The snapshot as 58 bytes, the last four of them a checksum."""
-        content = _LAYOUT.pack(*self)
+        """The snapshot as 58 bytes, the last four of them a checksum; 70 where switches count."""
+        content = _LAYOUT.pack(*self[:-2])
+        if self.switches is not None:
+            content += _SWITCHES.pack(*self[-2:])
+
         return content + _CHECK.pack(crc32(content))
 
     @classmethod
-    def from_bytes(cls, state: bytes) -> "Snapshot":
+    def from_bytes(cls, state: bytes, *, has_switches: bool = False) -> "Snapshot":
         """What `to_bytes` made; a ``ValueError`` where a byte of it is lost or changed."""
-        size = _LAYOUT.size + _CHECK.size
+        size = _LAYOUT.size + _CHECK.size + _SWITCHES.size * has_switches
         if not isinstance(state, bytes) or len(state) != size:
             raise ValueError(f"state must be the {size} bytes that get_state() gives")
 
-        content = state[: _LAYOUT.size]
-        check = state[_LAYOUT.size :]
+        content = state[: -_CHECK.size]
+        check = state[-_CHECK.size :]
         if check != _CHECK.pack(crc32(content)):
             raise ValueError("state is damaged: it is not what get_state() gave")
 
-        return cls(*_LAYOUT.unpack(content))
+        switches = _SWITCHES.unpack(content[_LAYOUT.size :]) if has_switches else ()
+
+        return cls(*_LAYOUT.unpack(content[: _LAYOUT.size]), *switches)

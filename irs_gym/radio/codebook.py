@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from io import BytesIO
@@ -160,6 +161,23 @@ class Codebook:
             )
         except ValueError as error:
             raise ValueError(f"{str(place)!r} is not a codebook: {error}") from None
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> "Codebook":
+        """Codebook of what `to_data` gives; a ``ValueError`` says what is wrong with it."""
+        if set(data) != {"phase_shifts", "radio_hash", "design"}:
+            raise ValueError(
+                f"codebook holds {sorted(map(str, data))}, not phase_shifts, radio_hash and design"
+            )
+        return cls(**data)
+
+    def to_data(self) -> dict[str, Any]:
+        """The codebook as JSON can hold it."""
+        return {
+            "phase_shifts": self.phase_shifts.tolist(),
+            "radio_hash": self.radio_hash,
+            "design": self.design,
+        }
 
 
 def radio_hash(scene: Scene) -> str:

@@ -8,7 +8,7 @@ from irs_gym.rendering.layout import rows_from_top
 from irs_gym.rendering.view import Point, View, checked_cells
 
 
-def text_frame(view: View, path: ArrayLike) -> str:
+def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
     """The same as `draw_frame` in plain characters: one a cell within a border, under a line of
     numbers and over a legend.
 
@@ -26,9 +26,12 @@ def text_frame(view: View, path: ArrayLike) -> str:
     marks[1:-1, 1:-1] = np.where(view.is_obstacle, "#", np.where(view.is_below, "~", "."))
 
     # Later marks lie over earlier ones.
+    oracle_switches = () if view.oracle_switches is None else view.oracle_switches
     for mark, where in (
         ("o", np.reshape(view.oracle_cells, (-1, 2)).astype(np.int64) + 1),
         ("*", cells + 1),
+        ("x", np.reshape(oracle_switches, (-1, 2)).astype(np.int64) + 1),
+        ("X", np.reshape(switches, (-1, 2)).astype(np.int64) + 1),
         ("S", np.add([view.start], 1)),
         ("G", np.add([view.goal], 1)),
         ("A", _bordered_cells(view.grid, view.access_points)),
@@ -40,13 +43,18 @@ def text_frame(view: View, path: ArrayLike) -> str:
     gain_db = view.gain_db[tuple(cells[-1])]
     margin_db = gain_db - view.target_db
 
+    label = f"{view.label}   " if view.label else ""
+    legend = [] if view.oracle_switches is None else ["X robot's switch   x oracle's switch"]
+
     return "\n".join(
         [
-            f"target {view.target_db:.2f} dB   gain {gain_db:.2f} dB   margin {margin_db:+.2f} dB",
+            f"{label}target {view.target_db:.2f} dB   gain {gain_db:.2f} dB   "
+            f"margin {margin_db:+.2f} dB",
             *("".join(row) for row in rows_from_top(marks)),
             "R robot   * robot path   o oracle path   S start   G goal   A access point   "
             "I IRS panel",
             ". feasible   ~ below target   # obstacle",
+            *legend,
         ]
     )
 

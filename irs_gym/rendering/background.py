@@ -65,6 +65,9 @@ class Background:
         if len(view.oracle_cells) > 1:
             primitives.dash(image, layout.cell_pixels(view.oracle_cells), em)
 
+        for cell in () if view.oracle_switches is None else view.oracle_switches:
+            primitives.mark(image, primitives.CROSS, layout.cell_pixels(cell), em)
+
         primitives.mark(image, primitives.DIAMOND, layout.cell_pixels(view.start), em)
         primitives.mark(image, primitives.SQUARE, layout.cell_pixels(view.goal), em)
 
@@ -72,7 +75,8 @@ class Background:
             sample(image, np.array([x + 1.4 * em, y]), em)
             pen.text((x + 3.0 * em, y), label, primitives.BLACK, font, anchor="lm")
 
-        title = f"target {view.target_db:.2f} dB"
+        label = f"{view.label}   " if view.label else ""
+        title = f"{label}target {view.target_db:.2f} dB"
         pen.text((layout.left, 1.5 * em), title, primitives.BLACK, font, anchor="ls")
         self.margin_at = (layout.left + font.getlength(title) + 1.5 * em, 1.5 * em)
 
@@ -117,6 +121,16 @@ def _entries(view: View) -> list[tuple[str, Sample]]:
             len(view.oracle_cells) > 1,
             "oracle path",
             lambda image, at, em: primitives.dash(image, at + ends * em, em),
+        ),
+        (
+            view.oracle_switches is not None,
+            "robot's switch",
+            lambda image, at, em: primitives.mark(image, primitives.CROSS, at, em, ROBOT),
+        ),
+        (
+            view.oracle_switches is not None,
+            "oracle's switch",
+            lambda image, at, em: primitives.mark(image, primitives.CROSS, at, em),
         ),
         (bool(view.is_obstacle.any()), "obstacle", obstacle),
         (bool(view.is_below.any()), "below target", below),

@@ -1,17 +1,18 @@
 """`view_of`: the `View` of an episode; `RENDERERS`: what each render mode makes of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 from irs_gym.grid import Cell
 from irs_gym.mdp.dynamics import oracle_path
 from irs_gym.mdp.task import World
+from irs_gym.radio.scene import Scene
 from irs_gym.rendering import View, draw_frame, text_frame
 
 MOST_OUTLINED = 10_000  # cells of a raster: the outline of a larger one would be a thicket
 
-RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {
+RENDERERS: dict[str, Callable[..., Any]] = {
     "rgb_array": draw_frame,
     "ansi": text_frame,
 }
@@ -20,21 +21,29 @@ RENDERERS: dict[str, Callable[[View, Sequence[Cell]], Any]] = {
 @lru_cache(maxsize=32)
 def view_of(world: World, start: Cell, goal: Cell, budget: float | None = None) -> View:
     """What a picture shows besides the robot's path; kept, so that it is drawn once."""
-    scene = world.scene
     radio_map = world.radio_map
     return View(
         gain_db=radio_map.gain_db,
         target_db=world.target_db,
         grid=radio_map.grid,
-        access_points=tuple(each.position[:2] for each in scene.access_points) if scene else (),
-        irs_panels=tuple(each.position[:2] for each in scene.irs_panels) if scene else (),
         start=start,
         goal=goal,
         free=radio_map.free,
-        outlines=scene.floor.outlines(MOST_OUTLINED) if scene and scene.format_version > 1 else (),
-        panel_angles=tuple(
+        oracle_cells=oracle_path(world, start, goal, budget).cells,
+        **drawn_of(world.scene),
+    )
+
+
+def drawn_of(scene: Scene | None) -> dict[str, Any]:
+    """What a `View` shows of a scene: access points, panels and outlines; nothing of none."""
+    return {
+        "access_points": tuple(each.position[:2] for each in scene.access_points) if scene else (),
+        "irs_panels": tuple(each.position[:2] for each in scene.irs_panels) if scene else (),
+        "outlines": scene.floor.outlines(MOST_OUTLINED)
+        if scene and scene.format_version > 1
+        else (),
+        "panel_angles": tuple(
             None if isinstance(each.wall, str) else each.wall
             for each in (scene.irs_panels if scene else ())
         ),
-        oracle_cells=oracle_path(world, start, goal, budget).cells,
-    )
+    }

@@ -8,7 +8,7 @@ from irs_gym.rendering.background import ROBOT, background_of, trace
 from irs_gym.rendering.view import View, checked_cells
 
 
-def draw_frame(view: View, path: ArrayLike) -> NDArray[np.uint8]:
+def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray[np.uint8]:
     """One frame: the view's background, the robot with its path, and its margin over the target.
 
     Parameters
@@ -17,6 +17,8 @@ def draw_frame(view: View, path: ArrayLike) -> NDArray[np.uint8]:
         What does not change within the episode; its background is drawn at the first frame.
     path
         Shape ``(T, 2)``, T >= 1: the cells visited so far. The robot is on the last one.
+    switches
+        Shape ``(n, 2)``: the cells where it has switched the panel.
 
     Returns
     -------
@@ -38,6 +40,9 @@ def draw_frame(view: View, path: ArrayLike) -> NDArray[np.uint8]:
     corners = layout.cell_pixels(_corners(cells))  # (n, 2)
     if len(corners) > 1:
         trace(frame, corners, layout.em)
+
+    for cell in np.reshape(switches, (-1, 2)):
+        primitives.mark(frame, primitives.CROSS, layout.cell_pixels(cell), layout.em, ROBOT)
 
     primitives.mark(frame, primitives.DISC, corners[-1], layout.em, ROBOT)
 

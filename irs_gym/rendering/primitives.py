@@ -30,6 +30,10 @@ DIAMOND = 0.8 * np.array([(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)])
 SQUARE = 0.6 * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 TRIANGLE = 0.8 * np.array([(0.0, -0.9), (0.9, 0.7), (-0.9, 0.7)])
 BAR = np.array([(-1.6, -0.3), (1.6, -0.3), (1.6, 0.3), (-1.6, 0.3)])
+# two bars across each other: an eighth of its corners, and the same turned three times
+_ARM = [(0.3, 0.0), (1.0, 0.7), (0.7, 1.0)]
+_TURNS = ((1, 0, 0, 1), (0, -1, 1, 0), (-1, 0, 0, -1), (0, 1, -1, 0))
+CROSS = 0.6 * np.array([(a * x + b * y, c * x + d * y) for a, b, c, d in _TURNS for x, y in _ARM])
 SWATCH = np.array([(-1.2, -0.5), (1.2, -0.5), (1.2, 0.5), (-1.2, 0.5)])
 
 

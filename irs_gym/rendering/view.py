@@ -40,6 +40,11 @@ class View:
         Closed lines ``(n, 2)`` in metres: what stands in a room as it is, whatever cells it takes.
     panel_angles
         Of each panel's wall against the x axis in degrees; None for the nearest wall. Empty: all.
+    oracle_switches
+        Shape ``(n, 2)``: cells where the panel switches on the oracle's path; None where no panel
+        is switched.
+    label
+        More about the map, in words.
 
     Raises
     ------
@@ -59,6 +64,8 @@ class View:
     free: NDArray[np.bool_] | None = None
     outlines: tuple[Floats, ...] = ()
     panel_angles: tuple[float | None, ...] = ()
+    oracle_switches: NDArray[np.integer[Any]] | None = None
+    label: str = ""
 
     def __post_init__(self) -> None:
         if self.gain_db.shape != self.grid.shape:

@@ -12,7 +12,7 @@ from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode
 from irs_gym.mdp.budget import can_pay, choose_budget, cleared, scaled_amount
 from irs_gym.mdp.checks import checked_actions
-from irs_gym.mdp.dynamics import refused_reward
+from irs_gym.mdp.dynamics import ACTIONS, refused_reward
 from irs_gym.mdp.path_history import PathHistory
 from irs_gym.mdp.snapshot import Snapshot
 from irs_gym.mdp.task import World
@@ -33,8 +33,12 @@ class VectorEpisodes:
         mode: AutoresetMode,
         copy: bool,
         infos: Infos,
+        actions: int = ACTIONS,
     ) -> None:
-        """Episodes that a sampler begins; see `IrsNavVectorEnv` for the other arguments."""
+        """Episodes that a sampler begins; see `IrsNavVectorEnv` for the other arguments.
+
+        Actions beyond the eight moves are switches of the panel.
+        """
         n = num_envs
         self.num_envs = n
         self.max_episode_steps = max_episode_steps
@@ -49,6 +53,8 @@ class VectorEpisodes:
         self._infos = InfoBuilder(values, keys)
         # Whether a move was refused costs a comparison of all states: only where somebody asks.
         self._counts_refusals = not {"refused", "is_refused"}.isdisjoint(keys)
+        self._counts_switches = not {"switches", "metres"}.isdisjoint(keys)
+        self._actions = actions
 
         # the episode of each robot
         self._states = np.zeros(n, dtype=np.int64)
@@ -56,6 +62,8 @@ class VectorEpisodes:
         self._refused = np.zeros(n, dtype=np.int64)
         self._oracle_distance = np.zeros(n)  # metres
         self._has_violated = np.zeros(n, dtype=bool)
+        self._switches = np.zeros(n, dtype=np.int64)
+        self._metres = np.zeros(n)  # of the distance, the part that is no switch's
         # Where there are budgets: the total cost that it may come to, that of its start, and what
         # is left. The last is another array after every step.
         has_budget = self._rules.budget is not None
@@ -105,7 +113,7 @@ class VectorEpisodes:
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Move every robot once."""
         self._check_running()
-        checked = checked_actions(actions, self.num_envs)
+        checked = checked_actions(actions, self.num_envs, self._actions)
         self._clock += 1
 
         # Next-step autoreset: robots whose episodes have ended begin anew in place of a move. (With
@@ -130,6 +138,13 @@ class VectorEpisodes:
         if self._counts_refusals:
             is_refused = self._refusals(before, outcome, resumed)
             self._refused += is_refused
+
+        if self._counts_switches:
+            is_switch = (checked >= ACTIONS) & (outcome.states != before)
+            if resumed is not None:
+                is_switch[resumed] = False
+            self._switches += is_switch
+            self._metres += np.where(is_switch, 0.0, outcome.moved)
 
         # An episode that has ever gone below the target is none that succeeds.
         if self._sampler.is_violable and outcome.cost is not None:
@@ -175,9 +190,15 @@ class VectorEpisodes:
         ]
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which actions are not refused, bool ``(n, 8)``."""
+        """Which actions are not refused, bool ``(n, 8)``, or ``(n, 8 + K)``."""
         model = self._sampler.transition_model
         return model.action_mask(self._states, self._left).astype(bool)
+
+    def history(self, i: int) -> NDArray[np.int64]:
+        """What `TransitionModel.cells` gave for robot i since its episode began, ``(T,)``; nothing
+        before the first reset.
+        """
+        return self._history.flat(i) if self._is_reset else np.zeros(0, dtype=np.int64)
 
     def render(self, mode: str | None) -> tuple[Any, ...] | None:
         """A picture or text for each robot; None without a mode."""
@@ -235,6 +256,8 @@ class VectorEpisodes:
         self._refused[chosen] = 0
         self._oracle_distance[chosen] = transition_model.oracle_distance(begun, budgets)
         self._has_violated[chosen] = False
+        self._switches[chosen] = 0
+        self._metres[chosen] = 0.0
         self._history.begin(chosen, transition_model.cells(begun), self._clock)
 
         # Not in place: `_just_ended`, which is of the step before, may be the same array.
@@ -405,6 +428,8 @@ class VectorEpisodes:
             cost,
             is_success,
             self._left,
+            self._switches,
+            self._metres,
         )
 
     def _picture(self, i: int, mode: str) -> Any:

@@ -28,6 +28,9 @@ class Step(NamedTuple):
     cost: Floats | None  # None where it is always 0
     is_success: Bools | None  # None where none is
     budget_left: Floats | None = None  # None where there is no budget
+    # of the episode so far, where the panel is switched and somebody asks
+    switches: NDArray[np.int64] | None = None
+    metres: Floats | None = None
 
     def of(self, chosen: NDArray[np.int64]) -> "Step":
         """The same for some of the robots."""
@@ -111,7 +114,17 @@ BUDGET_VALUES: Values = {"budget_left": _budget_left}  # under a budget
 SCENE_KEYS = ("scene_number", "scene_id")  # over many scenes
 # With these, a step of a vector takes a third longer; and names are no numbers, which is what
 # wrappers ask for.
-SLOW = ("refused", "is_refused", "distance_to_go", "gain_db", "margin_db", "scene_id")
+SLOW = (
+    "refused",
+    "is_refused",
+    "distance_to_go",
+    "gain_db",
+    "margin_db",
+    "scene_id",
+    "configuration",
+    "switches",
+    "metres",
+)
 
 Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irs_gym.grid import Cell
-from irs_gym.mdp.packing import Packing, Parts
+from irs_gym.mdp.packing import Parts
 from irs_gym.mdp.task import Rules, World
 
 # (n,): where robots are and where they want to go, each as one number. What the number means is the
@@ -71,20 +71,40 @@ class TransitionModel(Protocol):
     def action_mask(
         self, states: States, budget_left: NDArray[np.float64] | None = None
     ) -> NDArray[np.int8]:
-        """1 where an action is not refused, ``(n, 8)``; where steps that a budget cannot pay are
-        refused, with what is left of it ``(n,)``.
+        """1 where an action is not refused, ``(n, 8)`` or ``(n, 8 + K)``; where steps that a budget
+        cannot pay are refused, with what is left of it ``(n,)``.
         """
+
+
+class Layout(Protocol):
+    """How observations lie in rows; see `irs_gym.mdp.packing.Packing`."""
+
+    @property
+    def observation(self) -> str:
+        """Their kind."""
+
+    def empty(self, count: int) -> Parts:
+        """Memory for the parts of that many rows."""
+
+    def unpack(self, parts: Parts) -> Any:
+        """Observations of the parts of rows."""
+
+    def set_budget(self, observation: Any, share: Any) -> None:
+        """Write what is left of budgets into observations, where there are any."""
 
 
 class EpisodeSampler(Protocol):
     """Who starts episodes, and what all of them share."""
 
-    packing: Packing
     is_random: bool  # whether it draws
     is_violable: bool  # whether an episode that enters a cell below the target is lost
     rules: Rules
     cell_size: float  # metres
     map_shape: tuple[int, int]  # of the maps that `TransitionModel.cells` counts through
+
+    @property
+    def packing(self) -> Layout:
+        """Layout of the observations."""
 
     @property
     def transition_model(self) -> TransitionModel:

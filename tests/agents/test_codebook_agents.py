@@ -1,0 +1,202 @@
+"""Facts of agents and reference policies where the robot switches the panel's configuration."""
+
+from pathlib import Path
+from shlex import split
+
+import gymnasium
+import numpy as np
+import pytest
+from tiny import call
+
+from agents.policies.codebook_heuristics import CODEBOOK_REFERENCES
+from agents.rollout.episode import evaluation_env, roll_out
+from agents.runs.problem import problem_of
+from agents.runs.run_folder import Run, RunError
+from agents.vec_env import IrsNavVecEnv
+from eval.commands import score
+from irs_gym import focused_codebook
+from irs_gym.datasets.codebook_task import CodebookTask
+from irs_gym.envs.codebook_vector_nav import IrsNavCodebookVectorEnv
+from train.config import parse, record_of
+from train.plan import Plan, PlanError
+
+ID = "irs_gym:IrsNavCodebook-v0"
+SWEEPS = Path(__file__).resolve().parents[2] / "train" / "sweeps"
+FEW = focused_codebook("paper", [(12, 19), (22, 15), (31, 22), (4, 20), (36, 22), (20, 35)])
+
+
+def make(**kwargs):
+    return gymnasium.make(ID, **{"codebook": FEW, "target_db": -61.5, **kwargs})
+
+
+def played(name, **kwargs):
+    env = make(**kwargs)
+    return roll_out(CODEBOOK_REFERENCES[name](env, 0), env)
+
+
+@pytest.mark.parametrize("switch_cost", [0.0, 0.5, 4.0])
+@pytest.mark.parametrize("observation", ["dict", "flat", "masked"])
+def test_the_oracle_policy_pays_what_the_joint_oracle_pays(switch_cost, observation):
+    env = make(switch_cost=switch_cost, observation=observation)
+    episode = roll_out(CODEBOOK_REFERENCES["oracle"](env, 0), env)
+    assert episode.is_optimal
+    assert episode.refused == 0
+    assert episode.distance == pytest.approx(env.unwrapped.oracle.distance, abs=1e-9)
+    assert len(episode.switch_cells) == env.unwrapped.oracle.switches
+
+
+def test_greedy_on_the_gain_walks_the_shortest_path_of_free_switches():
+    episode = played("greedy_gain", switch_cost=0.25)
+    free = make(switch_cost=0.0).unwrapped
+    metres = episode.distance - 0.25 * len(episode.switch_cells)
+    assert episode.is_success
+    assert metres == pytest.approx(free.oracle.distance, abs=1e-9)
+    assert episode.distance >= make(switch_cost=0.25).unwrapped.oracle.distance - 1e-9
+
+
+def test_who_never_switches_stays_in_the_first_configuration():
+    lost = played("never_switch")
+    assert not lost.is_success
+    assert not len(lost.switch_cells)
+    found = played("never_switch", target_db=-63.5)
+    assert found.is_success
+    assert not len(found.switch_cells)
+
+
+def test_masked_random_is_never_refused_and_takes_every_open_action():
+    env = make()
+    policy = CODEBOOK_REFERENCES["masked_random"](env, 0)
+    observation, info = env.reset()
+    taken = set()
+    for _ in range(300):
+        action = int(policy.predict(observation)[0])
+        assert info["action_mask"][action]
+        taken.add(action)
+        observation, *_, info = env.step(action)
+        observation, info = env.reset() if info["is_success"] else (observation, info)
+    assert len(taken) > 8
+
+
+def test_policies_act_for_all_robots_of_a_vector():
+    envs = gymnasium.make_vec(ID, num_envs=3, codebook=FEW, target_db=-61.5, random_start=True)
+    policy = CODEBOOK_REFERENCES["oracle"](envs, 0)
+    observations, infos = envs.reset(seed=0)
+    oracle = infos["oracle_distance"].copy()
+    arrived = np.zeros(3)
+    for _ in range(80):
+        observations, _, terminated, _, infos = envs.step(policy.predict(observations)[0])
+        arrived[(arrived == 0) & terminated] = infos["spl"][(arrived == 0) & terminated]
+    np.testing.assert_allclose(arrived, 1.0)
+    assert (oracle > 0).all()
+
+
+def test_the_vec_env_of_stable_baselines3_tells_masks_and_ends():
+    env = IrsNavVecEnv(
+        3, 30, vector_env=IrsNavCodebookVectorEnv, codebook=FEW, target_db=-61.5, observation="flat"
+    )
+    env.seed(0)
+    observation = env.reset()
+    assert observation.shape == (3, 2 * 6 + 121 + 3 + 4)
+    assert np.stack(env.env_method("action_masks")).shape == (3, 14)
+    assert env.get_attr("spec")[0].id == "IrsNavCodebook-v0"
+    for _ in range(30):
+        *_, done, infos = env.step(np.full(3, 13))
+    assert done.all()
+    assert infos[0]["TimeLimit.truncated"]
+    assert infos[0]["terminal_observation"].shape == (140,)
+
+
+def test_with_a_codebook_the_command_line_is_that_of_its_environment(tmp_path):
+    config = parse("ppo", split("--env.codebook dft 8 --env.switch-cost 0.3 --env.target-db -63"))
+    assert config.env.codebook == ("dft", 8)
+    assert (config.env.switch_cost, config.env.random_start) == (0.3, 0.7)
+    FEW.save(tmp_path / "few.npz")
+    named = parse("dqn", split(f"--env.codebook {tmp_path / 'few.npz'}"))
+    assert named.env.codebook == str(tmp_path / "few.npz")
+    assert record_of(config).env["target_db"] == -63.0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--env.codebook dft", "give a design and a size"),
+        ("--env.codebook dft 0", "codebook=('dft', 0) must be"),
+        ("--env.codebook dft 4 --env.switch-cost -1", "switch_cost=-1.0 must be"),
+        ("--env.codebook dft 4 --env.split val", "split and scenes cannot be given here"),
+        ("--env.codebook dft 4", "highest joint target"),
+        ("--env.codebook nowhere.npz", "nowhere.npz"),
+    ],
+)
+def test_bad_settings_are_refused_before_any_file_is_written(capsys, tmp_path, words, message):
+    assert call(["q_learning", "--out", tmp_path / "run", *split(words)]) == 2
+    said = " ".join(capsys.readouterr().err.replace("│", " ").split())
+    assert message in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_q_learning_finds_the_joint_optimum_and_is_scored_beside_the_references(tmp_path, capsys):
+    FEW.save(tmp_path / "few.npz")
+    folder = tmp_path / "run"
+    words = f"--env.codebook {tmp_path / 'few.npz'} --env.target-db -61.5 --no-progress"
+    assert call(["q_learning", "--out", folder, *split(words)]) == 0
+    (tmp_path / "few.npz").unlink()  # the run has a copy
+
+    run = Run.open(folder)
+    assert run.manifest.status == "at_optimum"
+    assert isinstance(run.task, CodebookTask)
+    table = run.load_model().table
+    assert table.shape == (6 * 1600, 14)
+    episode = roll_out(run.load_model(), evaluation_env(run.task))
+    assert episode.is_optimal
+    assert len(episode.switch_cells) > 0
+    assert problem_of(run.task).label.startswith("-61.5 dB, continuous, codebook 6-")
+
+    assert score.main((str(folder),), episodes=2) == 0
+    said = capsys.readouterr().out
+    for name in ("oracle", "q learning", "never switch", "greedy gain"):
+        assert name in said
+    assert (folder / "paths.png").stat().st_size > 10_000
+
+    # a codebook that is not the run's own is not read
+    FEW.save(folder / "codebook.npz")
+    content = (folder / "codebook.npz").read_bytes()
+    (folder / "codebook.npz").write_bytes(content[:-1] + b"x")
+    with pytest.raises(RunError, match="SHA-256"):
+        _ = Run.open(folder).task
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "maskable_ppo", "dqn"])
+def test_networks_of_a_run_come_back_with_as_many_actions(tmp_path, algorithm):
+    words = "--env.codebook focused 6 --env.target-db -63.5 --no-progress --agent.n-envs 4"
+    short = {"dqn": "--agent.total-timesteps 2100"}.get(
+        algorithm, "--agent.total-timesteps 256 --agent.n-steps 32 --agent.batch-size 64"
+    )
+    folder = tmp_path / "run"
+    assert call([algorithm, "--out", folder, *split(words), *split(short)]) == 0
+    run = Run.open(folder)
+    env = evaluation_env(run.task)
+    observation, info = env.reset()
+    mask = {"action_masks": info["action_mask"]} if algorithm == "maskable_ppo" else {}
+    actions = {int(run.load_model("last").predict(observation, **mask)[0]) for _ in range(3)}
+    assert actions <= set(range(14))
+
+
+def test_a_plan_with_a_codebook_trains_in_its_environment(tmp_path):
+    file = tmp_path / "plan.toml"
+    text = 'out = "runs"\nseeds = 2\nalgorithms = ["ppo", "q_learning"]\n[settings]\n'
+    file.write_text(
+        text + 'a.env = { codebook = ["dft", 4], switch_cost = 0.5, target_db = -65.0 }'
+    )
+    plan = Plan.load(file)
+    configs = plan.configs()
+    assert len(configs) == 4
+    assert {config.env.codebook for config in configs} == {("dft", 4)}
+    file.write_text(text + 'a.env = { codebook = ["dft", 4], split = "val" }')
+    with pytest.raises(PlanError, match="split and scenes"):
+        Plan.load(file).configs()
+
+
+def test_the_sweep_of_the_page_is_a_plan():
+    plan = Plan.load(SWEEPS / "codebook.toml")
+    assert {config.env.codebook[1] for config in plan.configs()} == {4, 8, 16}
+    assert {config.env.target_db for config in plan.configs()} == {-61.8, -60.0}

@@ -39,6 +39,9 @@ class Row:
         reads observations in front of the policy, if not its own.
     env, training
         What its runs change in the defaults of their environment, and of their other settings.
+    codebook_env, codebook_agent
+        What they change further where the robot switches the panel: in the defaults of the
+        environment, and in the algorithm's own settings.
     """
 
     title: str
@@ -49,6 +52,8 @@ class Row:
     network: str | None = None
     env: Mapping[str, Any] = field(default_factory=dict)
     training: Mapping[str, Any] = field(default_factory=dict)
+    codebook_env: Mapping[str, Any] = field(default_factory=dict)
+    codebook_agent: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_sb3(self) -> bool:
@@ -70,6 +75,18 @@ def _tested_every(steps: int) -> dict[str, int]:
     return {"eval_every": steps, "checkpoint_every": steps}
 
 
+# Where the panel is switched, there are as many maps as configurations, and most switches are
+# refused: networks that see the mask learn not to try them, and more steps and more exploration find
+# that a switch more may pay.
+_SWITCHING_DQN: dict[str, Any] = {
+    "total_timesteps": 700_000,
+    "n_envs": 256,
+    "batch_size": 256,
+    "gradient_steps": 8,
+    "buffer_size": 300_000,
+    "exploration_final_eps": 0.1,
+}
+
 # The order is that of command lines and pages. In one scene, where paths differ by 2 % only, an
 # agent finds the best one much more surely with starts in many places.
 ALGORITHMS: dict[str, Row] = {
@@ -79,6 +96,8 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.ppo:PpoConfig",
         learner="stable_baselines3:PPO",
         env={"random_start": 0.7},
+        codebook_env={"observation": "masked"},
+        codebook_agent={"total_timesteps": 1_000_000, "ent_coef": 0.1},
     ),
     "maskable_ppo": Row(
         title="MaskablePPO",
@@ -108,6 +127,8 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.dqn:DqnConfig",
         learner="stable_baselines3:DQN",
         env={"random_start": 0.5},
+        codebook_env={"observation": "masked"},
+        codebook_agent=_SWITCHING_DQN,
     ),
     "qr_dqn": Row(
         title="QR-DQN",
@@ -115,6 +136,8 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.qr_dqn:QrDqnConfig",
         learner="sb3_contrib:QRDQN",
         env={"random_start": 0.5},
+        codebook_env={"observation": "masked"},
+        codebook_agent=_SWITCHING_DQN,
     ),
     "q_learning": Row(
         title="Q-learning",
@@ -122,6 +145,7 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.q_learning:QLearningConfig",
         learner="agents.single.q_learning:QLearning",
         env={"random_start": 0.5},
+        codebook_agent={"total_timesteps": 3_000_000, "n_envs": 256},
     ),
     "planner": Row(
         title="planning network, imitation",

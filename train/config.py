@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from agents.registry import ALGORITHMS, config_class
-from agents.rollout.episode import SceneTask, arguments_of, check_one_scene, scene_task_of
+from agents.rollout.episode import SceneTask, arguments_of, check_one_scene
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run, RunError
 from agents.single.config import check_settings
@@ -153,14 +153,17 @@ def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig:
     return GeneralistConfig(agent=agent, env=Scenes(**row.env), **row.training)
 
 
-def with_codebook(env: SceneTask, **changes: Any) -> CodebookTask:
-    """The same of `IrsNavCodebook-v0`."""
+def with_codebook(config: TrainConfig) -> TrainConfig:
+    """The tuned settings of the same algorithm where the robot switches the panel."""
+    row = ALGORITHMS[config.agent.algorithm]
     known = {each.name for each in fields(CodebookTask)}
-    own = {name: value for name, value in arguments_of(env).items() if name in known}
-    task = scene_task_of({"codebook": CodebookTask.codebook, **own, **changes})
-    assert isinstance(task, CodebookTask)
+    own = {name: value for name, value in arguments_of(config.env).items() if name in known}
 
-    return task
+    return replace(
+        config,
+        agent=replace(config.agent, **row.codebook_agent),
+        env=CodebookTask(**{**own, **row.codebook_env}),
+    )
 
 
 def record_of(config: TrainConfig | GeneralistConfig) -> Config:
@@ -212,7 +215,7 @@ def parse(algorithm: str, arguments: Sequence[str]) -> TrainConfig | GeneralistC
     default = defaults_of(algorithm)
     has_codebook = any(each.split("=")[0] == CODEBOOK_FLAG for each in arguments)
     if has_codebook and isinstance(default, TrainConfig):
-        default = replace(default, env=with_codebook(default.env))
+        default = with_codebook(default)
 
     return tyro.cli(
         type(default),

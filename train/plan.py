@@ -8,12 +8,12 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from agents.rollout.episode import SceneTask, arguments_of, evaluation_env
+from agents.rollout.episode import SceneTask, arguments_of, evaluation_env, scene_task_of
 from agents.runs.manifest import AlgorithmName, Config
 from agents.runs.run_folder import COPIES, Run
 from irs_gym.datasets.codebook_task import CodebookTask
 from irs_gym.files import read_file
-from irs_gym.mdp.task import Task, checked_fields, task_of
+from irs_gym.mdp.task import Task, checked_fields
 from train.config import (
     GeneralistConfig,
     Scenes,
@@ -153,6 +153,8 @@ class Plan(_Table):
         where = f"settings.{name}"
         setting = self.settings[name]
         default = defaults_of(algorithm)
+        if "codebook" in setting.env and isinstance(default, TrainConfig):
+            default = with_codebook(default)
 
         try:
             env: Any = _env_of(default.env, setting.env)
@@ -169,13 +171,10 @@ class Plan(_Table):
 
 
 def _env_of(default: SceneTask | Scenes, changes: Mapping[str, Any]) -> SceneTask | Scenes:
-    if "codebook" in changes and isinstance(default, Task):
-        return with_codebook(default, **changes)
-
     arguments = {**arguments_of(default), **changes}
     return (
-        task_of(arguments)
-        if isinstance(default, Task)
+        scene_task_of(arguments)
+        if isinstance(default, Task | CodebookTask)
         else Scenes(**checked_fields(Scenes, arguments, "Scenes"))
     )
 

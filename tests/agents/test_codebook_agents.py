@@ -110,6 +110,7 @@ def test_with_a_codebook_the_command_line_is_that_of_its_environment(tmp_path):
     config = parse("ppo", split("--env.codebook dft 8 --env.switch-cost 0.3 --env.target-db -63"))
     assert config.env.codebook == ("dft", 8)
     assert (config.env.switch_cost, config.env.random_start) == (0.3, 0.7)
+    assert (config.env.observation, config.agent.ent_coef) == ("masked", 0.1)  # tuned for it
     FEW.save(tmp_path / "few.npz")
     named = parse("dqn", split(f"--env.codebook {tmp_path / 'few.npz'}"))
     assert named.env.codebook == str(tmp_path / "few.npz")
@@ -168,7 +169,7 @@ def test_q_learning_finds_the_joint_optimum_and_is_scored_beside_the_references(
 @pytest.mark.parametrize("algorithm", ["ppo", "maskable_ppo", "dqn"])
 def test_networks_of_a_run_come_back_with_as_many_actions(tmp_path, algorithm):
     words = "--env.codebook focused 6 --env.target-db -63.5 --no-progress --agent.n-envs 4"
-    short = {"dqn": "--agent.total-timesteps 2100"}.get(
+    short = {"dqn": "--agent.total-timesteps 2100 --agent.buffer-size 5000"}.get(
         algorithm, "--agent.total-timesteps 256 --agent.n-steps 32 --agent.batch-size 64"
     )
     folder = tmp_path / "run"

@@ -127,7 +127,7 @@ def test_every_string_of_a_row_names_what_it_should(name):
         assert config_class(name).network_settings == tuple(wanted)
     else:
         assert list(signature(learner.build).parameters) == ["config", "env", "seed"]
-        assert list(signature(learner.of).parameters) == ["arrays", "shape"]
+        assert list(signature(learner.of).parameters) == ["arrays", "shape", "actions"]
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)

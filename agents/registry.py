@@ -76,8 +76,8 @@ def _tested_every(steps: int) -> dict[str, int]:
 
 
 # Where the panel is switched, there are as many maps as configurations, and most switches are
-# refused: networks that see the mask learn not to try them, and more steps and more exploration find
-# that a switch more may pay.
+# refused: networks that see the mask learn not to try them, and more steps and more exploration
+# find that a switch more may pay.
 _SWITCHING_DQN: dict[str, Any] = {
     "total_timesteps": 700_000,
     "n_envs": 256,

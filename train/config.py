@@ -17,6 +17,7 @@ from agents.runs.manifest import Config
 from agents.runs.run_folder import Run, RunError
 from agents.single.config import check_settings
 from agents.single.dqn import DqnConfig
+from agents.single.ppo_lagrangian import PpoLagrangianConfig, check_bound
 from irs_gym.datasets.splits import split_of
 from irs_gym.mdp.task import Task, resolved
 from irs_gym.radio.radio_map import RadioMap
@@ -79,6 +80,8 @@ class TrainConfig(RunConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_settings(self, "whole", "hold")
+        if isinstance(self.agent, PpoLagrangianConfig):
+            check_bound(self.env.rules)
         if (
             isinstance(self.agent, DqnConfig)
             and self.agent.n_steps > 1

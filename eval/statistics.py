@@ -110,20 +110,20 @@ def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) ->
 
 
 def t_interval(values: ArrayLike) -> Estimate:
-    """Mean over seeds ``(seeds,)`` with Student's interval, for means of few seeds.
+    """Mean over seeds ``(seeds,)`` with Student's interval; none where the mean is infinite.
 
     Raises
     ------
     ValueError
-        Where there is no value, or one is not finite.
+        Where there is no value, or one is NaN.
     """
     table = np.asarray(values, dtype=np.float64)
-    if table.ndim != 1 or table.size == 0 or not np.isfinite(table).all():
-        raise ValueError(f"values {table.shape} must be (seeds,), not empty, and finite")
+    if table.ndim != 1 or table.size == 0 or np.isnan(table).any():
+        raise ValueError(f"values {table.shape} must be (seeds,), not empty and without NaN")
 
     value = float(table.mean())
-    if len(table) == 1:
-        return Estimate(value, None, None, ONE_SEED)
+    if len(table) == 1 or np.isinf(value):
+        return Estimate(value, None, None, ONE_SEED if len(table) == 1 else "")
     if np.allclose(table, table[0], rtol=_EQUAL, atol=_EQUAL):
         return Estimate(value, value, value, ALL_EQUAL)
 

@@ -82,8 +82,8 @@ class Mixture:
     seed
         Of the draws.
     rounds
-        float64, shape ``(R, 3)``: multiplier, cost and distance of each round of the training; NaN
-        where its policy did not arrive.
+        float64, shape ``(R, 3)``: multiplier, cost and distance of each round of the training;
+        infinite where its policy did not arrive.
     """
 
     def __init__(

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import dataclass, fields
-from math import isnan, nan
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -86,8 +86,8 @@ class PpoLagrangian:
     num_timesteps
         Steps trained so far, over all environments and rounds.
     rounds
-        Multiplier, cost and distance of each round that has ended; NaN for a policy that did not
-        arrive.
+        Multiplier, cost and distance of each round that has ended; infinite for a policy that did
+        not arrive.
     mixture
         What it acts by: the policy in training, and once the rounds have ended, the mixture.
     """
@@ -172,7 +172,7 @@ class PpoLagrangian:
 
         self._multiplier = multiplier
         self._best: tuple[Any, float, float] | None = None  # of this round
-        self._latest = (nan, nan)  # cost and distance of its latest test
+        self._latest = (inf, inf)  # cost and distance of its latest test
         self._held = 0
         self._tested_at = 0
         self.mixture = self._alone()
@@ -203,12 +203,10 @@ class PpoLagrangian:
 
         self._tested_at = self._ppo.num_timesteps
         outcome = play(self._ppo, self._task)
-        is_same = np.allclose(
-            outcome, self._latest, rtol=0.0, atol=_EQUAL
-        )  # never where one is NaN
-        self._held = self._held + 1 if is_same else 1 - isnan(outcome.cost)
+        is_same = np.allclose(outcome, self._latest, rtol=0.0, atol=_EQUAL)
+        self._held = self._held * is_same + 1 if isfinite(outcome.cost) else 0
         self._latest = outcome
-        if not isnan(outcome.cost) and (
+        if isfinite(outcome.cost) and (
             self._best is None or self._value(*outcome) < self._value(*self._best[1:]) - _EQUAL
         ):
             self._best = (deepcopy(self._ppo.policy), *outcome)
@@ -224,7 +222,7 @@ class PpoLagrangian:
         self._test()
         multiplier = self._multiplier
         if self._best is None:  # the next round tries again, with other weights
-            self.rounds.append((multiplier, nan, nan))
+            self.rounds.append((multiplier, inf, inf))
             return multiplier
 
         _, cost, distance = self._best

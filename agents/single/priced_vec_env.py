@@ -4,7 +4,7 @@ policy costs, and how far it goes.
 
 from dataclasses import fields, replace
 from inspect import getmembers
-from math import nan
+from math import inf
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -46,8 +46,8 @@ class PricedVecEnv(VecEnvWrapper):
 
 
 class Outcome(NamedTuple):
-    """What an episode from the fixed start costs, the start included, and its metres; NaN where it
-    does not arrive.
+    """What an episode from the fixed start costs, the start included, and its metres; both infinite
+    where it does not arrive.
     """
 
     cost: float
@@ -69,4 +69,4 @@ def play(policy: Policy, task: Task) -> Outcome:
         cost = cost + info["cost"]
         is_over = has_arrived or is_truncated
 
-    return Outcome(float(cost), float(info["distance"])) if has_arrived else Outcome(nan, nan)
+    return Outcome(float(cost), float(info["distance"])) if has_arrived else Outcome(inf, inf)

@@ -39,12 +39,12 @@ def expected_table(found: Sequence[Mapping[str, Any]]) -> str:
             (
                 text(each["problem"]),
                 seeds,
-                estimate_cell(estimates["cost"], lambda value: f"{value:.3f}"),
+                estimate_cell(estimates["cost"], _shown),
                 f"{each['bound']:g}",
                 f"{round(estimates['within']['value'] * seeds)} of {seeds}",
-                estimate_cell(estimates["distance"], lambda value: f"{value:.3f} m"),
+                estimate_cell(estimates["distance"], _metres),
                 f"{each['optimum']:.3f} m",
-                estimate_cell(estimates["gap"], lambda value: f"{value:.2%}"),
+                estimate_cell(estimates["gap"], _percent),
                 f"{median(each['seconds']):.0f}",
             )
         )
@@ -68,8 +68,8 @@ def penalties_table(found: Sequence[Mapping[str, Any]]) -> str:
             penalty["trainings"],
             penalty["arrived"],
             penalty["within"],
-            estimate_cell(penalty["cost"], lambda value: f"{value:.2f}"),
-            estimate_cell(penalty["distance"], lambda value: f"{value:.3f} m"),
+            estimate_cell(penalty["cost"], _shown),
+            estimate_cell(penalty["distance"], _metres),
             f"{each['optimum']:.3f} m",
         )
         for each in found
@@ -100,6 +100,18 @@ def _hard_cell(found: Mapping[str, Any]) -> str:
     seconds = found["seconds_to_optimum"]
 
     return said if seconds is None else f"{said}<br><sub>{seconds:.0f} s</sub>"
+
+
+def _shown(value: float | None) -> str:
+    return "infinite" if value is None else f"{value:.3f}"
+
+
+def _metres(value: float | None) -> str:
+    return "infinite" if value is None else f"{value:.3f} m"
+
+
+def _percent(value: float | None) -> str:
+    return "infinite" if value is None else f"{value:.2%}"
 
 
 def left_out_text(left_out: Sequence[Mapping[str, Any]]) -> str:

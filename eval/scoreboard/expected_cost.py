@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from agents.runs.problem import Problem
 from agents.single.mixture import Mixture
 from agents.single.priced_vec_env import play
-from eval.estimates import estimate_as_json
+from eval.estimates import estimate_as_json, finite
 from eval.scoreboard.results import Result
 from eval.statistics import Estimate, share, t_interval
 from irs_gym.mdp.cost import cost_map
@@ -39,8 +39,8 @@ class Expected:
     outcomes
         float64, shape ``(seeds, 2)``: expected cost and distance of each run.
     rounds
-        float64, shape ``(R, 3)``: multiplier, cost and distance of all rounds of all runs; NaN
-        where the goal was not reached.
+        float64, shape ``(R, 3)``: multiplier, cost and distance of all rounds of all runs;
+        infinite where the goal was not reached.
     """
 
     results: tuple[Result, ...]
@@ -96,8 +96,8 @@ class Expected:
             "optimum": self.optimum,
             "multiplier": self.multiplier,
             "seeds": [each.seed for each in self.results],
-            "costs": self.outcomes[:, 0].tolist(),
-            "distances": self.outcomes[:, 1].tolist(),
+            "costs": [finite(each) for each in self.outcomes[:, 0].tolist()],
+            "distances": [finite(each) for each in self.outcomes[:, 1].tolist()],
             "seconds": [float(each.curve.seconds[-1]) for each in self.results],
             "estimates": {name: estimate_as_json(each) for name, each in self.estimates.items()},
             "penalties": self.penalties(),
@@ -110,7 +110,7 @@ class Expected:
 
         for price in np.unique(prices):
             trained = self.rounds[prices == price, 1:]
-            costs, distances = trained[~np.isnan(trained).any(axis=1)].T
+            costs, distances = trained[np.isfinite(trained).all(axis=1)].T
             records.append(
                 {
                     "price": float(price),
@@ -130,7 +130,7 @@ class Expected:
 
 def expectation(mixture: Mixture, task: Task) -> tuple[float, float]:
     """Expected cost and distance in metres of an episode from the fixed start, exact, as all but
-    the draw of a policy is certain; NaN where one of the policies does not arrive.
+    the draw of a policy is certain; infinite where one of the policies does not arrive.
     """
     outcomes = np.array([play(each, task) for each in mixture.policies])  # (K, 2)
     cost, distance = mixture.shares @ outcomes

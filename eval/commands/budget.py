@@ -80,6 +80,7 @@ def budget_board(results: Sequence[Result], left_out: Sequence[LeftOut]) -> dict
 
     return {
         "format_version": 1,
+        "runs": len(results),
         "expected": [Expected.of(found).as_json() for found in mixed],
         "hard": [_hard_record(hard[group], name) for group, name in names.items()],
         "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],

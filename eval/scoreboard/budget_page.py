@@ -12,6 +12,7 @@ from eval.origin import commands_block, origin_text
 def budget_page(board: Mapping[str, Any]) -> str:
     """The page of what `eval.commands.budget` has found."""
     return template("budget.md").format(
+        runs=board["runs"],
         commands=commands_block(board["commands"]),
         expected=expected_table(board["expected"]),
         penalties=penalties_table(board["expected"]),

@@ -14,6 +14,9 @@ COMMANDS = {
     "measured": "show a measured room, its optima and PPO in it, and write docs/measured.md",
     "score": "score a trained run against the oracle and draw both paths over the map",
     "board": "put all runs below a folder on one scoreboard, with intervals over seeds",
+    "budget": (
+        "tell what is learned under budgets, beside the exact optimum, and write docs/budget.md"
+    ),
     "ablations": (
         "tell what each part of the task and of the setting is worth in steps to the optimum"
     ),

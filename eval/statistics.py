@@ -109,6 +109,29 @@ def estimate(values: ArrayLike, statistic: Statistic = mean, *, rng: int = 0) ->
     return Estimate(value, float(low), float(high))
 
 
+def t_interval(values: ArrayLike) -> Estimate:
+    """Mean over seeds ``(seeds,)`` with Student's interval; none where the mean is infinite.
+
+    Raises
+    ------
+    ValueError
+        Where there is no value, or one is NaN.
+    """
+    table = np.asarray(values, dtype=np.float64)
+    if table.ndim != 1 or table.size == 0 or np.isnan(table).any():
+        raise ValueError(f"values {table.shape} must be (seeds,), not empty and without NaN")
+
+    value = float(table.mean())
+    if len(table) == 1 or np.isinf(value):
+        return Estimate(value, None, None, ONE_SEED if len(table) == 1 else "")
+    if np.allclose(table, table[0], rtol=_EQUAL, atol=_EQUAL):
+        return Estimate(value, value, value, ALL_EQUAL)
+
+    low, high = stats.t.interval(CONFIDENCE, len(table) - 1, loc=value, scale=stats.sem(table))
+
+    return Estimate(value, float(low), float(high))
+
+
 def paired_difference(differences: ArrayLike, *, rng: int = 0) -> Estimate:
     """Mean of differences ``(seeds, scenes)``, one policy's score less another's in the same scene.
 

@@ -20,11 +20,13 @@ _RUN = split("--eval-every 64 --checkpoint-every 96 --env.patch-radius 1 --no-pr
 _ON_POLICY = split("--agent.n-steps 16 --agent.batch-size 32 --agent.n-epochs 2")
 _OFF_POLICY = split("--agent.learning-starts 32 --agent.batch-size 32 --agent.buffer-size 256")
 _NETWORK = split("--agent.net-arch 8")
+_ROUNDS = split("--agent.round-timesteps 256 --agent.test-every 64")
 TINY: dict[str, list[str]] = {
     algorithm: [
         *_RUN,
         *split("--agent.n-envs 4"),
         *([] if algorithm == "q_learning" else _NETWORK),
+        *(_ROUNDS if algorithm == "ppo_lagrangian" else []),
         *(_ON_POLICY if "ppo" in algorithm else _OFF_POLICY if algorithm.endswith("dqn") else []),
     ]
     for algorithm in specialists()

@@ -17,6 +17,7 @@ from agents.runs.manifest import Config
 from agents.runs.run_folder import Run, RunError
 from agents.single.config import check_settings
 from agents.single.dqn import DqnConfig
+from agents.single.ppo_lagrangian import PpoLagrangianConfig, check_bound
 from irs_gym.datasets.codebook_task import CodebookKind, CodebookTask
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.datasets.splits import split_of
@@ -84,6 +85,8 @@ class TrainConfig(RunConfig):
         super().__post_init__()
         check_settings(self, "whole", "hold")
         check_one_scene(self.env)
+        if isinstance(self.agent, PpoLagrangianConfig):
+            check_bound(self.env.rules)
         if (
             isinstance(self.agent, DqnConfig)
             and self.agent.n_steps > 1

@@ -129,6 +129,9 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
         model.learn(steps, CallbackList(callbacks), reset_num_timesteps=is_new)
 
     evaluation.save("last")
+    if ALGORITHMS[config.agent.algorithm].mixes:  # a mixture is there at the end alone
+        evaluation.save("best")
+
     run.update(
         status=evaluation.status, **({} if evaluation.is_interrupted else {"checkpoints": ()})
     )

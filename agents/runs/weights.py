@@ -18,10 +18,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from agents.networks.map_network import FILE_BYTES
 from agents.policies.model_file import read_network
-from agents.registry import ALGORITHMS, config_class, learner_class, observation_of
+from agents.registry import ALGORITHMS, config_class, learner_class, named, observation_of
 from agents.rollout.episode import SceneTask, evaluation_env
 from agents.runs.manifest import Config
 from agents.single.config import Sb3Config
+from agents.single.mixture import Mixture
 from agents.single.model import first_layer, policy_kwargs, policy_name
 from irs_gym.datasets.splits import split_of
 from irs_gym.files import read_arrays
@@ -35,6 +36,7 @@ _IDLE = (
     "lstm_critic",
     "vf_features_extractor",
 )  # parts of names: for training alone
+_ROUNDING = 1e-9
 _IRS_OF_MANY_SCENES = 3  # numbers that an observation of `IrsNavRandom-v0` tells of the IRS
 
 
@@ -48,14 +50,13 @@ def pack(config: Config, model: Any) -> bytes:
     Of a model of Stable-Baselines3 it holds what acts, without its critic or target network.
     """
     content = BytesIO()
-    if not ALGORITHMS[config.algorithm].is_sb3:
+    row = ALGORITHMS[config.algorithm]
+    if not (row.is_sb3 or row.mixes):
         model.save(content)
         return content.getvalue()
 
-    weights = {
-        name: each.numpy() for name, each in model.policy.state_dict().items() if _acts(name)
-    }
-    np.savez_compressed(content, **weights)
+    arrays: dict[str, Any] = _mixed(model.mixture) if row.mixes else _weights(model.policy)
+    np.savez_compressed(content, **arrays)
 
     return content.getvalue()
 
@@ -78,7 +79,10 @@ def load(config: Config, task: SceneTask | None, content: bytes) -> Any:
         `WeightsError` where the file is damaged or does not fit the configuration; also where the
         task cannot be made.
     """
-    if ALGORITHMS[config.algorithm].is_sb3:
+    row = ALGORITHMS[config.algorithm]
+    if row.mixes:
+        return _remix(config, *_spaces_of(config, task), _read(content))
+    if row.is_sb3:
         return _rebuild(config, *_spaces_of(config, task), _read(content))
 
     # asked for outside of what is tried: a task that cannot be made is no fault of the file
@@ -94,6 +98,44 @@ def load(config: Config, task: SceneTask | None, content: bytes) -> Any:
         )
     except ValueError as error:
         raise WeightsError(str(error)) from None
+
+
+def _weights(policy: Any) -> dict[str, NDArray[Any]]:
+    """The weights of a policy of Stable-Baselines3 that act."""
+    return {name: each.numpy() for name, each in policy.state_dict().items() if _acts(name)}
+
+
+def _mixed(mixture: Mixture) -> dict[str, NDArray[Any]]:
+    """The weights of the policies of a mixture, with their numbers before the names."""
+    arrays = {"shares": mixture.shares, "rounds": mixture.rounds}
+    for number, policy in enumerate(mixture.policies):
+        arrays |= {f"{number}.{name}": each for name, each in _weights(policy).items()}
+
+    return arrays
+
+
+def _remix(
+    config: Config, space: spaces.Space[Any], actions: int, arrays: dict[str, NDArray[Any]]
+) -> Mixture:
+    """The mixture of the policies with these weights."""
+    shares = arrays.pop("shares", np.zeros(0))
+    rounds = arrays.pop("rounds", np.zeros(0))
+    are_shares = shares.dtype == np.float64 and shares.ndim == 1 and (shares > 0).all()
+    if not are_shares or abs(shares.sum() - 1.0) > _ROUNDING:
+        raise WeightsError("its shares of policies are not positive numbers that sum to 1")
+    if rounds.dtype != np.float64 or rounds.shape[1:] != (3,):
+        raise WeightsError(f"its rounds are {_kind(rounds)}, not float64 of shape (R, 3)")
+
+    parts: list[dict[str, NDArray[Any]]] = [{} for _ in shares]
+    for name, each in arrays.items():
+        number, _, own = name.partition(".")
+        if number not in map(str, range(len(parts))):
+            raise WeightsError(f"{name} belongs to none of its {len(parts)} policies")
+        parts[int(number)][own] = each
+
+    policies = [_rebuild(config, space, actions, part) for part in parts]
+
+    return Mixture(policies, shares, config.seed, rounds)
 
 
 def _read(content: bytes) -> dict[str, NDArray[Any]]:
@@ -138,7 +180,8 @@ def _rebuild(
     ):  # before networks are made that fill memory
         raise WeightsError("it does not fit its configuration, whose networks are larger")
 
-    make = learner_class(config.algorithm).policy_aliases[policy_name(agent, space)]
+    row = ALGORITHMS[config.algorithm]
+    make = named(row.mixes or row.learner).policy_aliases[policy_name(agent, space)]
     policy = make(space, spaces.Discrete(actions), lambda _: 0.0, **policy_kwargs(agent))
     wanted = {
         name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)

@@ -1,215 +1,269 @@
-"""`PpoLagrangian`: PPO under a bound on the expected cost, by dual ascent on a multiplier."""
+"""`PpoLagrangian`: PPO under a bound on the expected cost, by dual ascent between trainings; and
+`PpoLagrangianConfig`.
+"""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
-from inspect import getmembers
-from typing import Any, ClassVar
+from __future__ import annotations
 
-import gymnasium
+from copy import deepcopy
+from dataclasses import dataclass, fields
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any, ClassVar
+
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.single.config import check_settings
+from agents.single.mixture import Mixture, Weights, least_distance
 from agents.single.ppo import PpoConfig
-from irs_gym.mdp.budget import range_of
+from irs_gym.mdp.task import Rules
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.logger import Logger
+    from stable_baselines3.common.vec_env import VecEnv
+
+_EQUAL = 1e-6  # metres: a policy that is better by less is none that was not known
 
 
 @dataclass(frozen=True, kw_only=True)
 class PpoLagrangianConfig(PpoConfig):
-    """Settings of Stable-Baselines3's PPO with a multiplier.
+    """Settings of Stable-Baselines3's PPO, trained anew in each round at another price of the cost.
 
-    The bound is the mean budget of the environment, which must be ``constraint="budget"`` with
-    ``on_exhausted="continue"``.
+    The bound is the budget of the environment, which must be ``constraint="budget"`` with
+    ``on_exhausted="continue"`` and one budget for all episodes.
     """
 
     algorithm: ClassVar[str] = "ppo_lagrangian"
 
-    multiplier: float = 0.5
-    """Metres that a unit of cost is worth at the start of the schedule."""
-    multiplier_rate: float = 0.0005
-    """What is added to the multiplier after each rollout for each unit by which the mean cost of
-    its episodes is above the bound."""
-    spread: float = 1.0
-    """How much more an episode with the least budget is charged, and how much less one with the
-    largest, as a share of the multiplier."""
+    round_timesteps: int = 400_000
+    """Steps of a round at most, and of the schedule of its learning rate."""
+    test_every: int = 8192
+    """Least number of steps between two tests of a round's greedy policy."""
+    hold: int = 8
+    """A round ends early where so many tests in a row have arrived at the same cost and distance.
+    """
+    first_price: float = 1.0
+    """Metres that a unit of cost is worth in the first round that has a price; doubled until a
+    policy meets the bound. Far above the optimum's, so that what costs little is clearly best."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "weight", "multiplier")
-        check_settings(self, "positive", "multiplier_rate")
-        check_settings(self, "weight", "spread")
+        check_settings(self, "whole", "round_timesteps", "test_every", "hold")
+        check_settings(self, "positive", "first_price")
 
 
-class PpoLagrangian(PPO):
-    """Maximises the expected return with a bound on the expected cost of an episode.
-
-    The Lagrangian of the problem is the return minus the multiplier times what the cost exceeds the
-    bound by. PPO ascends it in the policy, by a reward less the multiplier times the cost; after
-    each rollout the multiplier ascends its dual, lambda <- max(0, lambda + rate (J_C - bound)), as
-    PPO-Lagrangian does in Ray, Achiam and Amodei (2019). An excess counts up to the bound itself,
-    as far as a lack of cost can go, so that random episodes do not drive the multiplier away.
-
-    The optimum is a mixture of paths, and at its multiplier all of them are worth the same: a
-    policy then swings from one to the next. So where the budget is a range, of which each episode
-    draws its own and sees it, that draw makes the mixture: episodes are charged lambda (1 + spread
-    (1 - 2 u)), or nothing where that is negative, u from 0 at the least budget to 1 at the largest.
-    The expected cost is then continuous in lambda.
-
-    Parameters
-    ----------
-    policy, env, **settings
-        Those of Stable-Baselines3's `PPO`. Infos must tell ``"cost"`` and ``"budget_left"``; the
-        bound is the mean budget of the environments.
-    multiplier, multiplier_rate, spread
-        See `PpoLagrangianConfig`.
+def check_bound(rules: Rules) -> None:
+    """Raise a ``ValueError`` where an environment has no bound on the expected cost, or ends where
+    it is exceeded.
     """
-
-    def __init__(
-        self,
-        policy: Any,
-        env: VecEnv,
-        *,
-        multiplier: float = PpoLagrangianConfig.multiplier,
-        multiplier_rate: float = PpoLagrangianConfig.multiplier_rate,
-        spread: float = PpoLagrangianConfig.spread,
-        **settings: Any,
-    ) -> None:
-        least, largest = budgets_of(env)
-        self.bound = (least + largest) / 2
-        self.multiplier = multiplier
-        self.multiplier_rate = multiplier_rate
-        self.spread = spread
-        self.priced = PricedVecEnv(env, own_start(env), (least, largest))
-        super().__init__(policy, self.priced, **settings)
-
-    def collect_rollouts(self, *arguments: Any, **settings: Any) -> bool:
-        """Play at the present price."""
-        self.priced.charge(self.multiplier, self.spread)
-
-        return super().collect_rollouts(*arguments, **settings)
-
-    def train(self) -> None:
-        """Ascend the dual by the episodes of the rollout, then update the policy."""
-        costs = self.priced.take_costs()
-        if costs:
-            excess = min(float(np.mean(costs)) - self.bound, max(self.bound, 1.0))
-            self.multiplier = max(0.0, self.multiplier + self.multiplier_rate * excess)
-            self.logger.record("train/cost", float(np.mean(costs)))
-
-        self.logger.record("train/multiplier", self.multiplier)
-        super().train()
-
-
-class PricedVecEnv(VecEnvWrapper):
-    """Rewards less the price of the cost of a step, the first with that of the start.
-
-    Parameters
-    ----------
-    venv
-        Environments whose infos tell the ``"cost"``, also at the reset.
-    start
-        What the infos of the episodes whose costs are wanted tell at the reset; others, from random
-        starts, are learned from alone.
-    budgets
-        The least and the largest budget.
-    """
-
-    def __init__(self, venv: VecEnv, start: dict[str, float], budgets: tuple[float, float]) -> None:
-        super().__init__(venv)
-        self._start = start
-        self._budgets = budgets
-        self._multiplier = 0.0
-        self._spread = 0.0
-        self._rank = np.zeros(self.num_envs)  # (n,): of its budget, from 1 for the least to -1
-        self._is_own = np.zeros(self.num_envs, dtype=bool)  # (n,): whether it began there
-        self._unpaid = np.zeros(self.num_envs)  # (n,): what the start costs, until the first step
-        self._total = np.zeros(self.num_envs)  # (n,): of the episodes that are under way
-        self._totals: list[float] = []  # of those that have ended
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but the members of the class, which cannot be pickled."""
-        return {name: each for name, each in vars(self).items() if name != "class_attributes"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """What a checkpoint holds, with the members of the class."""
-        vars(self).update(state, class_attributes=dict(getmembers(type(self))))
-
-    def charge(self, multiplier: float, spread: float) -> None:
-        """Set the price of a unit of cost: the multiplier, and its share for the least budget that
-        is added, and taken off for the largest.
-        """
-        self._multiplier = multiplier
-        self._spread = spread
-
-    def take_costs(self) -> list[float]:
-        """The total costs of the episodes that have ended since this was last asked."""
-        totals = self._totals
-        self._totals = []
-
-        return totals
-
-    def reset(self) -> Any:
-        """Start an episode everywhere."""
-        observation = self.venv.reset()
-        self._unpaid = np.zeros(self.num_envs)
-        self._total[:] = 0.0
-        self._begin(range(self.num_envs))
-
-        return observation
-
-    def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Move every robot once."""
-        observation, rewards, dones, infos = self.venv.step_wait()
-        costs = np.array([info["cost"] for info in infos]) + self._unpaid  # (n,)
-        prices = self._multiplier * np.maximum(1.0 + self._spread * self._rank, 0.0)  # (n,)
-        self._total += costs
-
-        # those that have ended begin anew, in the same step
-        self._totals += self._total[dones & self._is_own].tolist()
-        self._total[dones] = 0.0
-        self._unpaid[:] = 0.0
-        self._begin(np.flatnonzero(dones).tolist())
-
-        return observation, (rewards - prices * costs).astype(np.float32), dones, infos
-
-    def _begin(self, chosen: Iterable[int]) -> None:
-        """Note what the starts cost, and which are those whose costs are wanted."""
-        for i in chosen:
-            info = self.venv.reset_infos[i]
-            self._unpaid[i] = info["cost"]
-            self._rank[i] = self._rank_of(info["budget_left"] + info["cost"])
-            self._is_own[i] = all(info[key] == value for key, value in self._start.items())
-
-    def _rank_of(self, budget: float) -> float:
-        least, largest = self._budgets
-
-        return 1.0 - 2.0 * (budget - least) / (largest - least) if largest > least else 0.0
-
-
-def own_start(env: VecEnv) -> dict[str, float]:
-    """What infos tell at the task's own start; no other start has the same gain and distances."""
-    task = replace(env.get_attr("task")[0], random_start=False)
-    arguments = {each.name: getattr(task, each.name) for each in fields(task)}
-    _, info = gymnasium.make("irs_gym:IrsNav-v0", **arguments).reset()
-
-    return {key: info[key] for key in ("gain_db", "distance_to_go", "oracle_distance")}
-
-
-def budgets_of(env: VecEnv) -> tuple[float, float]:
-    """The least and the largest budget of environments that count on where it is exhausted.
-
-    Raises
-    ------
-    ValueError
-        Where they have none, or end where it is exhausted.
-    """
-    rules = env.get_attr("task")[0].rules
     if rules.constraint != "budget" or rules.on_exhausted != "continue":
         raise ValueError(
             "ppo_lagrangian needs constraint='budget' and on_exhausted='continue', not "
             f"{rules.constraint!r} and {rules.on_exhausted!r}"
         )
+    if isinstance(rules.budget, tuple):
+        raise ValueError(
+            f"ppo_lagrangian bounds the expected cost by one budget, not by budget={rules.budget}"
+        )
 
-    return range_of(rules.budget)
+
+class PpoLagrangian:
+    """Minimises the expected distance under a bound on the expected cost of an episode, by column
+    generation (Dantzig and Wolfe 1960; for policies Le, Voloshin and Yue 2019, after Agarwal et al.
+    2018), with the methods of a model of Stable-Baselines3.
+
+    Each round trains Stable-Baselines3's PPO with fresh weights, on rewards less the multiplier
+    times the cost: the best response to the multiplier. Its greedy policy joins those found. The
+    restricted master problem mixes them, and its dual is the next multiplier. It starts at 0; while
+    no policy meets the bound, it is ``first_price`` and then doubled. The rounds end where one
+    brings no policy that is better, at its multiplier, than the present mixture.
+
+    The optimum is such a mixture, and at its multiplier all that it mixes is worth the same, so
+    that one network trained at one multiplier, however well chosen, ends at one of them.
+
+    Attributes
+    ----------
+    num_timesteps
+        Steps trained so far, over all environments and rounds.
+    rounds
+        Multiplier, cost and distance of each round that has ended; infinite for a policy that did
+        not arrive.
+    mixture
+        What it acts by: the policy in training, and once the rounds have ended, the mixture.
+    """
+
+    def __init__(self, config: PpoLagrangianConfig, env: VecEnv, seed: int) -> None:
+        self.config = config
+        self.num_timesteps = 0
+        self.rounds: list[tuple[float, float, float]] = []
+        self.logger: Logger | None = None
+        self._env = env
+        self._seed = seed
+        self._task = env.get_attr("task")[0]
+        check_bound(self._task.rules)
+        self._bound: float = self._task.rules.budget
+        self._found: list[tuple[Any, float, float]] = []  # policies, their costs and distances
+        self._begin(0.0)
+
+    @classmethod
+    def build(cls, config: PpoLagrangianConfig, env: VecEnv, seed: int) -> PpoLagrangian:
+        """An untrained one. ``env`` should hold as many environments as the settings say."""
+        return cls(config, env, seed)
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[NDArray[np.int64], Any]:
+        """Actions for one observation or a batch, as `agents.policies.policy.Policy` says."""
+        return self.mixture.predict(observation, state, episode_start, deterministic)
+
+    def learn(
+        self, total_timesteps: int, callback: BaseCallback, reset_num_timesteps: bool = True
+    ) -> PpoLagrangian:
+        """Train for so many steps at most, on top of those so far unless ``reset_num_timesteps``:
+        then, from the first round on.
+        """
+        if reset_num_timesteps:
+            self.num_timesteps = 0
+            self.rounds = []
+            self._found = []
+            self._begin(0.0)
+
+        end = self.num_timesteps + total_timesteps
+        callback.init_callback(self)  # type: ignore[arg-type]  # asks for no more than there is here
+        callback.on_training_start({"total_timesteps": end}, {})
+
+        while self._train_round(end, callback):
+            multiplier = self._end_round()
+            if multiplier is None or self.num_timesteps >= end:
+                break
+
+            self._begin(multiplier)
+
+        self._settle()
+        callback.on_training_end()
+
+        return self
+
+    def get_env(self) -> VecEnv:
+        """The environment that is trained on."""
+        return self._env
+
+    def set_logger(self, logger: Logger) -> None:
+        """Log to there from now on."""
+        self.logger = logger
+        self._ppo.set_logger(logger)
+
+    def _begin(self, multiplier: float) -> None:
+        """Make the PPO of a round, with weights and random numbers of its own."""
+        from agents.single.model import build_model
+        from agents.single.priced_vec_env import PricedVecEnv
+
+        own = {each.name: getattr(self.config, each.name) for each in fields(PpoConfig)}
+        own["total_timesteps"] = self.config.round_timesteps
+        spawned = np.random.SeedSequence([self._seed, len(self.rounds)]).generate_state(1)
+        env = PricedVecEnv(self._env, multiplier)
+        self._ppo = build_model(PpoConfig(**own), env, int(spawned[0]))
+        if self.logger is not None:
+            self._ppo.set_logger(self.logger)
+
+        self._multiplier = multiplier
+        self._best: tuple[Any, float, float] | None = None  # of this round
+        self._latest = (inf, inf)  # cost and distance of its latest test
+        self._held = 0
+        self._tested_at = 0
+        self.mixture = self._alone()
+
+    def _train_round(self, end: int, callback: BaseCallback) -> bool:
+        """Train to the end of the round, or of all steps; returns whether nobody has stopped it."""
+        from agents.single.round_callback import RoundCallback
+
+        ppo = self._ppo
+        before = self.num_timesteps - ppo.num_timesteps
+        steps = min(self.config.round_timesteps, end - before) - ppo.num_timesteps
+        watch = RoundCallback(self, callback, before)
+        ppo.learn(steps, watch, reset_num_timesteps=ppo._last_obs is None)
+        self.num_timesteps = before + ppo.num_timesteps
+
+        return not watch.is_stopped
+
+    def is_round_over(self) -> bool:
+        """Whether the tests of the round have held one value; tests, where it is time to."""
+        if self._ppo.num_timesteps - self._tested_at >= self.config.test_every:
+            self._test()
+
+        return self._held >= self.config.hold
+
+    def _test(self) -> None:
+        """Play the greedy policy of the round, and keep the best of them."""
+        from agents.single.priced_vec_env import play
+
+        self._tested_at = self._ppo.num_timesteps
+        outcome = play(self._ppo, self._task)
+        is_same = np.allclose(outcome, self._latest, rtol=0.0, atol=_EQUAL)
+        self._held = self._held * is_same + 1 if isfinite(outcome.cost) else 0
+        self._latest = outcome
+        if isfinite(outcome.cost) and (
+            self._best is None or self._value(*outcome) < self._value(*self._best[1:]) - _EQUAL
+        ):
+            self._best = (deepcopy(self._ppo.policy), *outcome)
+
+    def _value(self, cost: float, distance: float) -> float:
+        """Metres of an episode and what its cost is worth at the multiplier of the round."""
+        return distance + self._multiplier * cost
+
+    def _end_round(self) -> float | None:
+        """Add the policy of the round to those found; returns the next multiplier, or None where
+        the round has found none that is better than the mixture.
+        """
+        self._test()
+        multiplier = self._multiplier
+        if self._best is None:  # the next round tries again, with other weights
+            self.rounds.append((multiplier, inf, inf))
+            return multiplier
+
+        _, cost, distance = self._best
+        self.rounds.append((multiplier, cost, distance))
+        before = self._master()
+        self._found.append(self._best)
+        now = self._master()
+        if now is None:
+            return max(self.config.first_price, 2.0 * multiplier)
+
+        # by duality the mixture is worth, at its multiplier, what the best policy found is
+        if before is not None and self._value(cost, distance) >= (
+            before.distance + multiplier * self._bound - _EQUAL
+        ):
+            return None
+
+        return now.multiplier
+
+    def _master(self) -> Weights | None:
+        costs = [cost for _, cost, _ in self._found]
+        distances = [distance for _, _, distance in self._found]
+
+        return least_distance(costs, distances, self._bound)
+
+    def _settle(self) -> None:
+        """Act by the best mixture of what was found; where none meets the bound, by what costs
+        least.
+        """
+        if not self._found:
+            return
+
+        found = self._master()
+        policies, costs, _ = zip(*self._found, strict=True)
+        shares = np.eye(len(costs))[np.argmin(costs)] if found is None else found.shares
+        drawn = np.flatnonzero(shares > 0)
+        self.mixture = Mixture(
+            [policies[n] for n in drawn], shares[drawn], self._seed, np.array(self.rounds)
+        )
+
+    def _alone(self) -> Mixture:
+        """The policy in training."""
+        return Mixture(
+            [self._ppo.policy], np.ones(1), self._seed, np.array(self.rounds).reshape(-1, 3)
+        )

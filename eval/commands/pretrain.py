@@ -31,7 +31,8 @@ from irs_gym.radio.scene import scene_names
 if TYPE_CHECKING:
     Kept = str
 else:
-    # Those of one scene, then our own networks, then those of Stable-Baselines3; no tables.
+    # Those of one scene, then our own networks, then those of Stable-Baselines3; no tables,
+    # no mixtures.
     Kept = Literal[
         *(name for name in specialists() if ALGORITHMS[name].is_sb3),
         *(name for name in generalists() if ALGORITHMS[name].is_taught),

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -22,6 +22,9 @@ from agents.rollout.scene_set import play_scene_set
 from agents.runs import provenance
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
+from agents.single.mixture import Mixture
+from eval.estimates import finite
+from eval.scoreboard.expected_cost import expectation
 from eval.scoreboard.overlay import draw_path_overlay, map_of
 from eval.scoreboard.results import LeftOut
 from eval.scoreboard.score import PolicyScore, play_references, score
@@ -168,10 +171,18 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScor
         Where the run is damaged; the message names the file.
     """
     env = evaluation_env(run.task)
-    played = play_references(env, {run.config.algorithm: run.load_model(model)}, episodes, seed)
+    policy = run.load_model(model)
+    played = play_references(env, {run.config.algorithm: policy}, episodes, seed)
     scores = [score(name, each) for name, each in played.items()]
     entry = run.manifest.models[model]
     learned = played[run.config.algorithm][0]
+
+    expected: dict[str, Any] = {}
+    if isinstance(policy, Mixture):
+        task: Any = run.task  # of one scene, which holds a budget
+        cost, distance = expectation(policy, task)
+        found = {"cost": finite(cost), "distance": finite(distance), "bound": task.budget}
+        expected = {"expected": {**found, "shares": policy.shares.tolist()}}
 
     record = {
         "format_version": 1,
@@ -179,6 +190,7 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScor
         "config": run.config.model_dump(),
         "oracle_distance": learned.oracle_distance,
         "scores": [asdict(each) for each in scores],
+        **expected,
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
@@ -191,6 +203,9 @@ def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScor
 
     print(f"{run.folder}: {model} model, after {entry.steps:,} steps, at {world.target_db:g} dB")
     Console().print(table(scores))
+    if expected:
+        print(f"expected: cost {cost:.3f} of {task.budget} at most, {distance:.3f} m")
+
     print(f"written: {run.folder / 'scores.json'} and paths.png beside it")
 
     return scores

@@ -13,6 +13,7 @@ from agents.policies.codebook_heuristics import CODEBOOK_REFERENCES
 from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.policy import Policy
 from agents.rollout.episode import EpisodeResult, roll_out
+from agents.single.mixture import Mixture
 
 RANDOM = (
     "masked_random",
@@ -71,14 +72,17 @@ def play_references(
     """Episodes of each policy by its name: the oracle's, those of the learned policies, those of
     the other references.
 
-    ``episodes`` is how many the random policies play; one is enough for all others.
+    ``episodes`` is how many the random policies and mixtures play; one is enough for all others.
     """
     robot: Any = env.unwrapped
     known = CODEBOOK_REFERENCES if hasattr(robot, "maps") else REFERENCE_POLICIES
     references = {name: make(env, seed) for name, make in known.items()}
     policies = {"oracle": references.pop("oracle"), **learned, **references}
     return {
-        name: [roll_out(policy, env) for _ in range(episodes if name in RANDOM else 1)]
+        name: [
+            roll_out(policy, env)
+            for _ in range(episodes if name in RANDOM or isinstance(policy, Mixture) else 1)
+        ]
         for name, policy in policies.items()
     }
 

@@ -27,7 +27,7 @@ from irs_gym.mdp.dynamics import tabulate
 from irs_gym.mdp.task import Task, build_world
 from train.config import defaults_of
 
-NETWORKS = [algorithm for algorithm in specialists() if algorithm != "q_learning"]
+NETWORKS = [algorithm for algorithm in specialists() if ALGORITHMS[algorithm].is_sb3]
 SMALL = {
     "maskable_ppo": "--agent.n-envs 16 --agent.n-steps 32 --agent.batch-size 128 --eval-every 512",
     "dqn": "--agent.n-envs 8 --agent.learning-starts 256 --agent.batch-size 64 --agent.net-arch 32 "

@@ -127,7 +127,10 @@ def test_every_string_of_a_row_names_what_it_should(name):
         assert config_class(name).network_settings == tuple(wanted)
     else:
         assert list(signature(learner.build).parameters) == ["config", "env", "seed"]
-        assert list(signature(learner.of).parameters) == ["arrays", "shape", "actions"]
+        if row.mixes:
+            assert named(row.mixes).policy_aliases
+        else:
+            assert list(signature(learner.of).parameters) == ["arrays", "shape", "actions"]
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)
@@ -166,8 +169,8 @@ def test_unknown_algorithm_in_a_sweep_is_answered_by_all_that_there_are(tmp_path
         Plan.load(sweep)
 
 
-def test_pretrained_models_are_kept_of_all_but_tables():
-    assert set(get_args(Kept)) == set(ALGORITHMS) - {"q_learning"}
+def test_pretrained_models_are_kept_of_all_but_tables_and_mixtures():
+    assert set(get_args(Kept)) == set(ALGORITHMS) - {"q_learning", "ppo_lagrangian"}
 
 
 @pytest.fixture

@@ -1,0 +1,100 @@
+"""`python -m eval budget`: what is learned under hard budgets and under bounds on the expected
+cost, beside the exact optimum.
+"""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+from typing import Annotated, Any
+
+from rich.progress import track
+from tyro.conf import Positional, arg
+
+from agents.registry import ALGORITHMS, specialists
+from eval.estimates import finite
+from eval.origin import commands_of, origins
+from eval.scoreboard.budget_page import budget_page
+from eval.scoreboard.expected_cost import Expected
+from eval.scoreboard.results import (
+    Group,
+    LeftOut,
+    Result,
+    find_runs,
+    read_results,
+    tell_left_out,
+)
+from eval.scoreboard.seed_scores import group_names
+from irs_gym.files import write_file
+
+
+def main(
+    folder: Annotated[Positional[Path], arg(metavar="DIR", help_behavior_hint="")],
+    out: Path = Path("docs"),
+    trained_by: str | None = None,
+) -> int:
+    """Write budget.md and budget.json from the runs of a sweep over budgets.
+
+    Parameters
+    ----------
+    folder
+        Folder with run folders, at any depth.
+    out
+        Folder of the page.
+    trained_by
+        The command that trained the runs, to stand on the page.
+    """
+    try:
+        results, left_out = read_results(track(find_runs(folder), "reading runs", transient=True))
+        if not results:
+            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
+            raise ValueError(f"no complete run lies below {str(folder)!r}{reasons}")
+
+        board = budget_board(results, left_out)
+        board["commands"] = commands_of("budget", trained_by)
+        data = json.dumps(board, indent=1, allow_nan=False) + "\n"
+        write_file(out / "budget.json", data.encode())
+        write_file(out / "budget.md", budget_page(board).encode())
+    except (OSError, ValueError) as error:
+        print(f"python -m eval budget: {error}", file=sys.stderr)
+        return 2
+
+    tell_left_out(left_out)
+    print(f"{len(results)} runs, {len(left_out)} left out; written: {out / 'budget.md'}")
+
+    return 0
+
+
+def budget_board(results: Sequence[Result], left_out: Sequence[LeftOut]) -> dict[str, Any]:
+    """What the page says, for JSON."""
+    by_group: dict[Group, list[Result]] = {}
+    for each in sorted(results, key=lambda one: (one.problem.order, one.seed)):
+        by_group.setdefault(each.group, []).append(each)
+
+    mixed = [found for group, found in by_group.items() if ALGORITHMS[group.algorithm].mixes]
+    hard = {
+        group: found for group, found in by_group.items() if not ALGORITHMS[group.algorithm].mixes
+    }
+    names = group_names(sorted(hard, key=lambda each: specialists().index(each.algorithm)))
+
+    return {
+        "format_version": 1,
+        "runs": len(results),
+        "expected": [Expected.of(found).as_json() for found in mixed],
+        "hard": [_hard_record(hard[group], name) for group, name in names.items()],
+        "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],
+        **origins([each.run for each in results]),
+    }
+
+
+def _hard_record(results: Sequence[Result], name: str) -> dict[str, Any]:
+    seconds = median([each.seconds_to_optimum for each in results])
+    return {
+        "problem": results[0].problem.label,
+        "policy": name,
+        "optimum": results[0].episode.oracle_distance,
+        "seeds": [each.seed for each in results],
+        "exact": sum(each.episode.is_optimal for each in results),
+        "seconds_to_optimum": finite(seconds),
+    }

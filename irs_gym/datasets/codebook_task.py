@@ -104,8 +104,8 @@ class CodebookTask:
     at a cost.
     """
     random_start: float = Task.random_start
-    """Probability of a start drawn among the cells and configurations from which the goal can be
-    reached; True is 1.
+    """Probability of a start drawn among the cells from which the goal can be reached, and then
+    among the configurations that lead there from it; True is 1.
     """
     shaping: bool = Task.shaping
     """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""

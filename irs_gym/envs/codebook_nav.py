@@ -87,9 +87,10 @@ class IrsNavCodebookEnv(gymnasium.Env[Any, int]):
 
     ## Starting State
     The scene's start in the configuration of the highest gain there, the first of equals, free of
-    cost; or with probability ``random_start`` a cell and a configuration drawn among all from which
-    the goal can be reached. ``reset(options={"start": (i, j), "goal": (i, j), "configuration":
-    k})`` sets any of them for one episode.
+    cost; or with probability ``random_start`` a cell drawn among those from which the goal can be
+    reached, and then a configuration among those that lead there from it.
+    ``reset(options={"start": (i, j), "goal": (i, j), "configuration": k})`` sets any of them for
+    one episode.
 
     ## Episode End
     Terminates at the goal and, under ``constraint="terminate"``, at an attempt to enter a cell

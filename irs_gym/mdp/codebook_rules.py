@@ -262,8 +262,8 @@ def choose_ends(
     maps: CodebookMaps, scene: int, given: Mapping[str, Any], rng: Callable[[], Any]
 ) -> Ends:
     """The ends given as ``start``, ``goal`` and ``configuration``; else the scene's own goal, and a
-    start as the task says: the scene's in the configuration of the highest gain there, or one drawn
-    together with its configuration among all that lead to the goal.
+    start as the task says: the scene's in the configuration of the highest gain there, or a cell
+    drawn among those that lead to the goal, and then a configuration among those that do so there.
 
     ``rng`` gives the generator to draw from, where there is anything to draw.
 
@@ -290,10 +290,12 @@ def choose_ends(
             f"target_db={float(maps.target_db[scene])}"
         )
 
-    first, cell = divmod(draw_start(starts, rng()), maps.size)
+    cell = draw_start(starts, rng())
+    leading = np.isfinite(to_go_of(maps, scene, goal).reshape(maps.configurations, -1)[:, cell])
+    first = draw_start(np.flatnonzero(leading), rng()) if configuration is None else configuration
     i, j = divmod(cell, maps.shape[1])
 
-    return Ends(scene, first, (i, j), goal)
+    return Ends(scene, int(first), (i, j), goal)
 
 
 @lru_cache(maxsize=4096)
@@ -317,18 +319,14 @@ def _checked_ends(
 
 @lru_cache(maxsize=64)
 def _starts(maps: CodebookMaps, scene: int, goal: Cell, configuration: Any) -> Ints:
-    """Configurations and cells, as numbers k x C + flat cell, that a random start is drawn from:
-    all that lead to the goal, or those of one configuration.
+    """Flat cells that a random start is drawn from: those from which some configuration leads to
+    the goal, or the one given.
     """
     to_go = to_go_of(maps, scene, goal)
     if configuration is not None:
-        chosen = _checked_configuration(maps, configuration)
-        kept = np.arange(len(to_go)) == chosen
-        to_go = np.where(kept[:, None, None], to_go, np.inf)
+        to_go = to_go[_checked_configuration(maps, configuration)][None]
 
-    starts = [start_cells(each, goal) + k * maps.size for k, each in enumerate(to_go)]
-
-    return frozen(np.concatenate(starts))
+    return frozen(start_cells(to_go.min(axis=0), goal))
 
 
 def _checked_configuration(maps: CodebookMaps, configuration: Any) -> int:

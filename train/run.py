@@ -159,7 +159,7 @@ def _material(config: TrainConfig | GeneralistConfig) -> Any:
     """What is trained on: an environment, or a pool of scenes."""
     if isinstance(config, TrainConfig):
         # no learner reads more of the infos, and dicts of all of them take longer than the steps
-        told = ["is_success"]
+        told = ["cost", "is_success"]
         is_switched = isinstance(config.env, CodebookTask)
         kind = IrsNavCodebookVectorEnv if is_switched else IrsNavVectorEnv
         return IrsNavVecEnv(

@@ -124,9 +124,9 @@ def test_sweep_over_budgets_holds_hard_ones_and_four_bounds_of_ten_seeds():
     configs = plan.configs()
     assert len(configs) == (6 * 3 + 4) * 10
     hard = {
-        (each.env.target_db, each.env.budget)
+        (each.env.target_db, each.env.rules.least_budget)
         for each in configs
-        if each.env.on_exhausted == "terminate"
+        if each.env.on_exhausted != "continue"
     }
     assert hard == {(-61.8, 0.0), (-61.8, 1.0), (-61.8, 2.0)} | {
         (-60.0, budget) for budget in (0.0, 13.0, 26.0)

@@ -32,8 +32,9 @@ def test_every_argument_of_the_environment_is_on_the_command_line():
     given = {
         "scene": "some.json", "target_db": -60.5, "cell_size": 1.0, "irs_elements": 400, "phase_bits": 2,
         "quantiser": "optimal", "array_model": "coherent", "patch_radius": 3, "observation": "dict",
-        "irs_phases": False, "constraint": "allow", "random_start": 0.25, "shaping": False, "goal_bonus": 3.5,
-        "start": (1, 2), "goal": (3, 4),
+        "irs_phases": False, "constraint": "budget", "cost": "deficit", "budget": (1.5, 4.0),
+        "on_exhausted": "continue", "corner_cutting": False, "robot_radius": 0.25, "collision": "body",
+        "random_start": 0.25, "shaping": False, "goal_bonus": 3.5, "start": (1, 2), "goal": (3, 4),
     }  # fmt: skip
     words = []
     for name, value in given.items():

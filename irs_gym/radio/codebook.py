@@ -453,6 +453,12 @@ def _antennas(model: RadioModel, cells: ArrayLike) -> Floats:
 
 
 def _listed(cells: Any) -> list[Cell]:
+    is_array = isinstance(cells, np.ndarray)
+    if is_array and (cells.shape[1:] != (2,) or len(cells) > _LARGEST_SIZE):
+        raise ValueError(
+            f"cells has the shape {cells.shape}: it must be (K, 2), K at most {_LARGEST_SIZE}"
+        )
+
     try:
         return list(np.asarray(cells).tolist() if isinstance(cells, np.ndarray) else cells)
     except TypeError:

@@ -37,11 +37,21 @@ SINGLE: BenchmarkEnvs = {
 def vector(num_envs: int) -> BenchmarkEnvs:
     """Contenders that step ``num_envs`` environments at once."""
     same_step = {"autoreset_mode": "SameStep"}
+    counted: dict[str, Any] = {
+        "constraint": "budget",
+        "budget": 26.0,
+        "on_exhausted": "continue",
+    }
     return {
         "IrsNav-v0": ("irs_gym", lambda: batch(ID, num_envs)),
         "IrsNav-v0, SAME_STEP": ("irs_gym", lambda: batch(ID, num_envs, **same_step)),
         "IrsNav-v0, copy=False": ("irs_gym", lambda: batch(ID, num_envs, copy=False)),
         "IrsNav-v0, infos='all'": ("irs_gym", lambda: batch(ID, num_envs, infos="all")),
+        "IrsNav-v0, a budget, counted": ("irs_gym", lambda: batch(ID, num_envs, **counted)),
+        "IrsNav-v0, a budget that ends episodes": (
+            "irs_gym",
+            lambda: batch(ID, num_envs, constraint="budget", budget=26.0),
+        ),
         "IrsNav-v0, infos=[]": ("irs_gym", lambda: batch(ID, num_envs, infos=[])),
         CODEBOOK: ("irs_gym", lambda: batch(CODEBOOK_ID, num_envs, codebook=("cover", 16))),
         "bare np.take": ("irs_gym", lambda: bare_take(num_envs)),

@@ -256,6 +256,8 @@ class _EpisodeSampler:
         self.info_values = codebook_values(has_many_scenes=is_many)
         first = choose_ends(maps, 0, {"start": maps.own_start(0)}, np.random.default_rng)
         self.ends: list[Ends] = [first] * num_envs
+        self._first_state = self._state(first)
+        self._is_at_home = True  # whether all episodes so far have begun in the scene's own start
 
     def begin(
         self,
@@ -265,6 +267,13 @@ class _EpisodeSampler:
         rng: RngOf,
         budgets: NDArray[np.float64] | None = None,
     ) -> States:
+        if not options and not self.is_random and self._is_at_home:  # they all begin alike
+            states = states.copy()
+            states[chosen] = self._first_state
+
+            return states
+
+        self._is_at_home = False
         given = checked_options(options, *(OPTIONS if self.is_many else OPTIONS[:1]))
         scene_ids = given.pop("scene_id", None)
         if not isinstance(scene_ids, list | tuple | np.ndarray):

@@ -28,7 +28,7 @@ class Tables:
     next_state_and_reward: NDArray[np.complex128]
     cost: NDArray[np.float64] | None  # None where it is always 0
     is_at_goal: NDArray[np.bool_]
-    mask: NDArray[np.int8]  # (S, A)
+    mask: NDArray[np.void]  # (S,), each the int8 (A,) of a state: gathers of records are faster
     to_go: NDArray[np.float64]  # (S,)
     length: NDArray[np.float64]  # (A,): metres that an action counts, if it is not refused
 
@@ -130,7 +130,7 @@ class CodebookModel:
     ) -> NDArray[np.int8]:
         if self.tables is None:
             return self.rules.action_mask(states)
-        return self.tables.mask.take(states, axis=0)
+        return self.tables.mask.take(states).view(np.int8).reshape(len(states), -1)
 
     def configuration(self, states: States) -> NDArray[np.int64]:
         """Numbers of the present configurations."""
@@ -172,7 +172,7 @@ def _tabulated(rules: CodebookRules) -> Tables | None:
         next_state_and_reward=_paired(columns),
         cost=None if is_refusing else columns["cost"].ravel(),
         is_at_goal=columns["is_at_goal"].ravel(),
-        mask=(~columns["is_refused"]).astype(np.int8),
+        mask=(~columns["is_refused"]).view(np.dtype((np.void, rules.actions))).ravel(),
         to_go=rules.distance_to_go(np.arange(rules.states)),
         length=rules.lengths,
     )

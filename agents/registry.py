@@ -97,7 +97,7 @@ ALGORITHMS: dict[str, Row] = {
         learner="stable_baselines3:PPO",
         env={"random_start": 0.7},
         codebook_env={"observation": "masked"},
-        codebook_agent={"total_timesteps": 1_000_000, "ent_coef": 0.1},
+        codebook_agent={"total_timesteps": 1_000_000},
     ),
     "maskable_ppo": Row(
         title="MaskablePPO",

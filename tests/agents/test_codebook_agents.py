@@ -110,7 +110,8 @@ def test_with_a_codebook_the_command_line_is_that_of_its_environment(tmp_path):
     config = parse("ppo", split("--env.codebook dft 8 --env.switch-cost 0.3 --env.target-db -63"))
     assert config.env.codebook == ("dft", 8)
     assert (config.env.switch_cost, config.env.random_start) == (0.3, 0.7)
-    assert (config.env.observation, config.agent.ent_coef) == ("masked", 0.1)  # tuned for it
+    tuned = (config.env.observation, config.agent.total_timesteps)
+    assert tuned == ("masked", 1_000_000)  # for it
     FEW.save(tmp_path / "few.npz")
     named = parse("dqn", split(f"--env.codebook {tmp_path / 'few.npz'}"))
     assert named.env.codebook == str(tmp_path / "few.npz")

@@ -118,7 +118,8 @@ def test_without_runs_nothing_is_written(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "docs").exists()
 
 
-def test_sweep_over_budgets_holds_hard_ones_and_four_bounds_of_ten_seeds():
+def test_sweep_over_budgets_holds_hard_ones_and_four_bounds_of_ten_seeds(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where no run of it lies yet
     plan = Plan.load(Path(__file__).parents[2] / "train/sweeps/budget.toml")
     plan.check()
     configs = plan.configs()

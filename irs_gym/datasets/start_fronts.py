@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.mdp.budget import SLACK
+from irs_gym.mdp.budget import can_pay
 from irs_gym.mdp.dynamics import budget_to_go_of, paid_at_start
 from irs_gym.mdp.task import World
 
@@ -35,7 +35,7 @@ class StartFronts:
         for number in np.unique(scenes[~self._is_known[scenes]]).tolist():
             self._learn(number)
 
-        is_within = self._costs[scenes] <= budgets[:, None] + SLACK  # (n, P)
+        is_within = can_pay(budgets[:, None], self._costs[scenes])  # (n, P)
         last = np.count_nonzero(is_within, axis=1) - 1  # (n,), -1 where no point is
         metres = self._distances[scenes, last]
 

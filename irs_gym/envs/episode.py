@@ -268,7 +268,7 @@ def episode_budget(rules: Rules, asked: Any, rng: np.random.Generator) -> float 
     """The budget of an episode; None where the rules hold none."""
     if rules.budget is None:
         return None
-    return choose_budget(rules.budget, asked, rng if isinstance(rules.budget, tuple) else None)
+    return choose_budget(rules.budget, asked, rng)
 
 
 def begin(

@@ -56,7 +56,7 @@ def range_of(budget: Budget) -> tuple[float, float]:
 
 def choose_budget(budget: Budget, asked: Any, rng: np.random.Generator | None) -> float:
     """The budget of an episode: what is asked for, else the one there is, else one drawn from the
-    range, all equally likely.
+    range, all equally likely. Randomness is needed for the last alone.
 
     Raises ``ValueError`` where more is asked for than the largest, up to which optima are known.
     """
@@ -69,7 +69,7 @@ def choose_budget(budget: Budget, asked: Any, rng: np.random.Generator | None) -
             )
         return float(asked)
 
-    return low if rng is None else float(rng.uniform(low, high))
+    return float(rng.uniform(low, high)) if rng and isinstance(budget, tuple) else low
 
 
 def is_below(budgets: Sequence[float | None], least: float | None) -> bool:

@@ -141,12 +141,18 @@ _IRS_NAV_CODEBOOK = (
     "irs_gym.envs.codebook_vector_nav:make_vector_env",
 )
 
+_IRS_NAV_CONTINUOUS = (
+    "irs_gym.envs.continuous_nav:make_env",
+    "irs_gym.envs.continuous_vector_nav:make_vector_env",
+)
+
 for _id, (_entry_point, _vector_entry_point), _arguments in (
     ("IrsNav-v0", _IRS_NAV, {}),
     ("IrsNavFlat-v0", _IRS_NAV, {"observation": "flat"}),
     ("IrsNavRandom-v0", _IRS_NAV_RANDOM, {}),
     ("IrsNavRandomFlat-v0", _IRS_NAV_RANDOM, {"observation": "flat"}),
     ("IrsNavCodebook-v0", _IRS_NAV_CODEBOOK, {}),
+    ("IrsNavContinuous-v0", _IRS_NAV_CONTINUOUS, {}),
 ):
     if _id not in registry:
         register(

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.grid import Grid
 from irs_gym.rendering.layout import rows_from_top
-from irs_gym.rendering.view import Point, View, checked_cells
+from irs_gym.rendering.view import Point, View, checked_path, nearest_cells
 
 
 def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
@@ -17,7 +17,10 @@ def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
     ValueError
         Where ``path`` is not of shape ``(T, 2)``, T >= 1, or leaves the grid.
     """
-    cells = checked_cells(view.grid, path, "path")
+    grid = view.grid
+    cells = nearest_cells(grid, checked_path(grid, path, "path"))
+    oracle = nearest_cells(grid, np.reshape(view.oracle_cells, (-1, 2)))
+    ends = [nearest_cells(grid, np.array([each])) for each in (view.start, view.goal)]
 
     # The border leaves "+" in the corners.
     marks = np.full(np.add(view.grid.shape, 2), "+")  # (X + 2, Y + 2)
@@ -28,12 +31,12 @@ def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
     # Later marks lie over earlier ones.
     oracle_switches = () if view.oracle_switches is None else view.oracle_switches
     for mark, where in (
-        ("o", np.reshape(view.oracle_cells, (-1, 2)).astype(np.int64) + 1),
+        ("o", oracle.astype(np.int64) + 1),
         ("*", cells + 1),
         ("x", np.reshape(oracle_switches, (-1, 2)).astype(np.int64) + 1),
         ("X", np.reshape(switches, (-1, 2)).astype(np.int64) + 1),
-        ("S", np.add([view.start], 1)),
-        ("G", np.add([view.goal], 1)),
+        ("S", ends[0] + 1),
+        ("G", ends[1] + 1),
         ("A", _bordered_cells(view.grid, view.access_points)),
         ("I", _bordered_cells(view.grid, view.irs_panels)),
         ("R", cells[-1:] + 1),

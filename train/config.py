@@ -19,6 +19,7 @@ from agents.single.config import check_settings
 from agents.single.dqn import DqnConfig
 from agents.single.ppo_lagrangian import PpoLagrangianConfig, check_bound
 from irs_gym.datasets.codebook_task import CodebookKind, CodebookTask
+from irs_gym.datasets.continuous_task import ContinuousTask
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.datasets.splits import split_of
 from irs_gym.mdp.task import Task, resolved
@@ -150,10 +151,13 @@ def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig:
     """The tuned settings of an algorithm; raises ``KeyError`` for an unknown one."""
     row = ALGORITHMS[algorithm]
     agent = config_class(algorithm)()
-    if row.track == "scene":
-        return TrainConfig(agent=agent, env=Task(observation="flat", **row.env), **row.training)
+    if row.learns_on_many:
+        return GeneralistConfig(agent=agent, env=Scenes(**row.env), **row.training)
 
-    return GeneralistConfig(agent=agent, env=Scenes(**row.env), **row.training)
+    kind = ContinuousTask if row.track == "continuous" else Task
+    env = kind(**{"observation": "flat", **row.env})
+
+    return TrainConfig(agent=agent, env=env, **row.training)
 
 
 def with_codebook(config: TrainConfig) -> TrainConfig:
@@ -182,6 +186,9 @@ def record_of(config: TrainConfig | GeneralistConfig) -> Config:
         whole = resolved(env.one_scene).arguments
         bits = None if env.is_made else whole.phase_bits  # what is made holds its phases
         env = replace(env, target_db=whole.target_db, phase_bits=bits)
+    elif isinstance(env, ContinuousTask):
+        whole = resolved(env.one_scene()).arguments
+        env = replace(env, target_db=whole.target_db, phase_bits=whole.phase_bits)
 
     return Config(
         algorithm=config.agent.algorithm,

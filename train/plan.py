@@ -11,9 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from agents.rollout.episode import SceneTask, arguments_of, evaluation_env, scene_task_of
 from agents.runs.manifest import AlgorithmName, Config
 from agents.runs.run_folder import COPIES, Run
-from irs_gym.datasets.codebook_task import CodebookTask
 from irs_gym.files import read_file
-from irs_gym.mdp.task import Task, checked_fields
+from irs_gym.mdp.task import checked_fields
 from train.config import (
     GeneralistConfig,
     Scenes,
@@ -127,7 +126,7 @@ class Plan(_Table):
         configs = self.configs()
 
         for env in dict.fromkeys(
-            config.env for config in configs if isinstance(config.env, Task | CodebookTask)
+            config.env for config in configs if isinstance(config, TrainConfig)
         ):
             try:
                 evaluation_env(env).close()
@@ -174,7 +173,7 @@ def _env_of(default: SceneTask | Scenes, changes: Mapping[str, Any]) -> SceneTas
     arguments = {**arguments_of(default), **changes}
     return (
         scene_task_of(arguments)
-        if isinstance(default, Task | CodebookTask)
+        if not isinstance(default, Scenes)
         else Scenes(**checked_fields(Scenes, arguments, "Scenes"))
     )
 

@@ -44,7 +44,9 @@ def draw_path_overlay(
     bar.ax.axhline(world.target_db, color="black", linewidth=1.5)
 
     for n, (name, episode) in enumerate(paths.items()):
-        points = world.radio_map.grid.centres()[tuple(episode.path.T)]  # (T, 2)
+        points = episode.path  # (T, 2)
+        if points.dtype.kind == "i":  # cells
+            points = world.radio_map.grid.centres()[tuple(points.T)]
         failure = "" if episode.is_success else ", goal not reached"
         label = f"{name}: {episode.distance:.3f} m{failure}"
         line = axes.plot(*points.T, label=label, solid_capstyle="round", **_style(n))[0]

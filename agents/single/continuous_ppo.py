@@ -1,0 +1,33 @@
+"""`ContinuousPpoConfig`: the settings of proximal policy optimisation for headings."""
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import ClassVar
+
+from agents.single.ppo import PpoConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContinuousPpoConfig(PpoConfig):
+    """Settings of Stable-Baselines3's PPO where actions are two numbers, drawn about their mean."""
+
+    algorithm: ClassVar[str] = "continuous_ppo"
+    policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init")
+
+    total_timesteps: int = 1_600_000
+    """Steps of the whole schedule, counted over all environments."""
+    n_envs: int = 128
+    """Environments that are stepped together."""
+    net_arch: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers of each network."""
+    batch_size: int = 2048
+    """Transitions in a minibatch; must divide n_envs x n_steps."""
+    ent_coef: float = 0.0
+    """Weight of the entropy bonus: none, so that headings spread ever less."""
+    log_std_init: float = -0.7
+    """Logarithm of the standard deviation of actions at the start; it is learned."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isfinite(self.log_std_init):
+            raise ValueError(f"log_std_init={self.log_std_init} must be a finite number")

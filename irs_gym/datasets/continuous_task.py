@@ -315,6 +315,7 @@ def _of_one_resolved(task: ContinuousTask, arguments: Task) -> ContinuousMaps:
         cost=None if world.cost is None else world.cost[None],
         start=np.array([_within(grid, given["start"], world.start)]),
         goal=np.array([_within(grid, given["goal"], world.goal)]),
+        irs=None,  # the world tells it
         cell_size=float(grid.cell_size),
         source=(build_continuous_maps, (task,)),
     )
@@ -370,6 +371,7 @@ def _of_many_read(task: ContinuousTask) -> ContinuousMaps:
         cost=None if worlds.task.budget is None else worlds.cost,
         start=np.add(pool.start, 0.5),
         goal=np.add(pool.goal, 0.5),
+        irs=pool.irs,
         cell_size=pool.cell_size,
         source=(build_continuous_maps, (task,)),
     )

@@ -50,6 +50,7 @@ class ContinuousMaps:
     cost: Floats | None  # (S, X, Y), of a second in each cell, under a budget
     start: Floats  # (S, 2), in cells
     goal: Floats  # (S, 2), in cells
+    irs: NDArray[np.float32] | None  # (S, 3), see `irs_gym.mdp.task.irs_settings`; None: of a cell
     cell_size: float  # metres
     source: tuple[Callable[..., "ContinuousMaps"], tuple[Any, ...]] = dataclass_field(repr=False)
 

@@ -5,6 +5,7 @@ from math import floor, isfinite, sqrt
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irs_gym.mdp.continuous_maps import ContinuousMaps, Point
 from irs_gym.mdp.dynamics import reward
@@ -207,6 +208,33 @@ def checked_heading(action: Any) -> Point:
         raise ValueError(f"action={action!r} must be two finite numbers, along x and y")
 
     return (x / length, y / length) if length > 1.0 else (float(x), float(y))
+
+
+def checked_headings(actions: Any, count: int) -> NDArray[np.float64]:
+    """Actions ``(count, 2)`` of robots, clipped to the unit disc, as ``(2, count)``; a
+    ``ValueError`` names the first that is none.
+    """
+    try:
+        headings = np.array(actions, dtype=np.float64)
+    except (TypeError, ValueError):
+        headings = np.empty(0)
+
+    if headings.shape != (count, 2):
+        raise ValueError(
+            f"actions has the shape {np.shape(actions)}, but two numbers for each of the {count} "
+            "environments are needed"
+        )
+
+    x, y = np.ascontiguousarray(headings.T)
+    with np.errstate(over="ignore"):
+        length = np.sqrt(x * x + y * y)  # (n,)
+    if not np.isfinite(length).all():
+        first = int(np.flatnonzero(~np.isfinite(length))[0])
+        raise ValueError(
+            f"actions[{first}]={headings[first].tolist()} must be two finite numbers, along x and y"
+        )
+
+    return np.asarray(np.stack([x, y]) / np.maximum(length, 1.0))
 
 
 @lru_cache(maxsize=32)

@@ -171,7 +171,7 @@ class IrsNavVecEnv(VecEnv):
     ) -> list[Any]:
         """What a method of each single environment returns; moving one alone is refused."""
         if method_name == "action_masks":  # asked for at every step, and known for all at once
-            values: Any = self.envs.action_masks()
+            values: Any = self.envs.action_masks()  # type: ignore[union-attr]  # of those that have
         else:
             values = self.envs.call(method_name, *method_args, **method_kwargs)
 

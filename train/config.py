@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from agents.registry import ALGORITHMS, config_class
-from agents.rollout.episode import SceneTask, arguments_of, check_one_scene
+from agents.rollout.episode import SceneTask, arguments_of, check_one_scene, env_id_of
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run, RunError
 from agents.single.config import check_settings
@@ -86,8 +86,14 @@ class TrainConfig(RunConfig):
         super().__post_init__()
         check_settings(self, "whole", "hold")
         check_one_scene(self.env)
+        goes_anywhere = ALGORITHMS[self.agent.algorithm].track == "continuous"
+        if goes_anywhere != isinstance(self.env, ContinuousTask):
+            needed = "IrsNavContinuous-v0" if goes_anywhere else "moves over a grid"
+            raise ValueError(
+                f"{self.agent.algorithm} learns in {needed}, not in {env_id_of(self.env)}"
+            )
         if isinstance(self.agent, PpoLagrangianConfig):
-            check_bound(self.env.rules)
+            check_bound(self.env.rules)  # type: ignore[union-attr]  # it moves over a grid
         if (
             isinstance(self.agent, DqnConfig)
             and self.agent.n_steps > 1

@@ -115,7 +115,10 @@ def _mixed(mixture: Mixture) -> dict[str, NDArray[Any]]:
 
 
 def _remix(
-    config: Config, space: spaces.Space[Any], actions: spaces.Space[Any], arrays: dict[str, NDArray[Any]]
+    config: Config,
+    space: spaces.Space[Any],
+    actions: spaces.Space[Any],
+    arrays: dict[str, NDArray[Any]],
 ) -> Mixture:
     """The mixture of the policies with these weights."""
     shares = arrays.pop("shares", np.zeros(0))
@@ -189,7 +192,8 @@ def _rebuild(
 
     row = ALGORITHMS[config.algorithm]
     make = named(row.mixes or row.learner).policy_aliases[policy_name(agent, space)]
-    policy = make(space, actions, lambda _: 0.0, **policy_kwargs(agent))
+    noise = {"use_sde": True} if getattr(agent, "use_sde", False) else {}
+    policy = make(space, actions, lambda _: 0.0, **policy_kwargs(agent), **noise)
     wanted = {
         name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)
     }

@@ -12,7 +12,7 @@ class ContinuousPpoConfig(PpoConfig):
     """Settings of Stable-Baselines3's PPO where actions are two numbers, drawn about their mean."""
 
     algorithm: ClassVar[str] = "continuous_ppo"
-    policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init")
+    policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init", "squash_output")
 
     total_timesteps: int = 1_600_000
     """Steps of the whole schedule, counted over all environments."""
@@ -24,10 +24,21 @@ class ContinuousPpoConfig(PpoConfig):
     """Transitions in a minibatch; must divide n_envs x n_steps."""
     ent_coef: float = 0.0
     """Weight of the entropy bonus: none, so that headings spread ever less."""
-    log_std_init: float = -0.7
-    """Logarithm of the standard deviation of actions at the start; it is learned."""
+    use_sde: bool = True
+    """Whether the noise of actions is a function of what is seen (gSDE), so that a robot drifts one
+    way for a while."""
+    sde_sample_freq: int = 8
+    """Steps between two draws of that function."""
+    log_std_init: float = -2.0
+    """Logarithm of the standard deviation of the noise at the start, for each feature with gSDE; it
+    is learned."""
+    squash_output: bool = True
+    """Whether actions are squashed by tanh: a mean far beyond the bounds would be clipped, and learn
+    no more. Needs gSDE."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.squash_output and not self.use_sde:
+            raise ValueError("squash_output=True needs use_sde=True")
         if not isfinite(self.log_std_init):
             raise ValueError(f"log_std_init={self.log_std_init} must be a finite number")

@@ -14,7 +14,7 @@ from matplotlib.transforms import Affine2D
 
 from agents.rollout.episode import EpisodeResult
 from eval.pictures import add_legend, as_png
-from irs_gym.mdp.codebook_rules import reach_world
+from irs_gym.mdp.codebook_rules import CodebookMaps, reach_world
 from irs_gym.mdp.task import World
 
 BROAD: dict[str, Any] = {"color": "white", "linewidth": 5.0, "linestyle": "-"}
@@ -83,7 +83,8 @@ def map_of(env: Any) -> World:
     its configurations reach.
     """
     robot = env.unwrapped
-    return reach_world(robot.maps, 0) if hasattr(robot, "maps") else robot.world
+    maps = getattr(robot, "maps", None)
+    return reach_world(maps, 0) if isinstance(maps, CodebookMaps) else robot.world
 
 
 def _style(n: int) -> dict[str, Any]:

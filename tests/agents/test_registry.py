@@ -19,6 +19,7 @@ from agents.registry import (
     ALGORITHMS,
     Row,
     config_class,
+    drivers,
     generalists,
     learner_class,
     named,
@@ -155,7 +156,9 @@ def test_defaults_of_runs_are_those_of_the_row(name):
 
 
 def test_each_algorithm_learns_in_one_scene_or_on_many():
-    assert (*specialists(), *generalists()) == tuple(ALGORITHMS)  # in the order of command lines
+    assert (*specialists(), *drivers(), *generalists()) == tuple(
+        ALGORITHMS
+    )  # in the order of command lines
     assert {observation_of(name) for name in generalists()} == {"flat", "map"}
     assert len({row.title for row in ALGORITHMS.values()}) == len(ALGORITHMS)
 

@@ -33,8 +33,8 @@ class ContinuousPpoConfig(PpoConfig):
     """Logarithm of the standard deviation of the noise at the start, for each feature with gSDE; it
     is learned."""
     squash_output: bool = True
-    """Whether actions are squashed by tanh: a mean far beyond the bounds would be clipped, and learn
-    no more. Needs gSDE."""
+    """Whether actions are squashed by tanh: a mean far beyond the bounds would be clipped, and not
+    come back. Needs gSDE."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -46,7 +46,8 @@ class IrsNavContinuousEnv(gymnasium.Env[Any, Action]):
     optimum over all paths is known (`oracle_path`). Cells are closed: a robot may go along the
     border of a cell at or above the target, and pass where two such cells touch at a corner. With
     ``field="exact"`` it is the gain of Lemma 1 at the point itself, and obstacles are as they are;
-    a segment is judged at points `irs_gym.mdp.exact_judge.RESOLUTION` apart, 1 mm.
+    a segment is judged at points `irs_gym.mdp.exact_field.RESOLUTION` apart, 1 mm: what is
+    below the target for less may be missed.
 
     ## Action Space
     ``Box(-1, 1, (2,))``: heading and speed. The action, clipped to the unit disc, times ``speed``

@@ -26,6 +26,7 @@ from irs_gym.mdp.continuous_ends import ContinuousEnds, checked_ends, choose_end
 from irs_gym.mdp.continuous_maps import ContinuousMaps, Point
 from irs_gym.mdp.continuous_snapshot import ContinuousSnapshot
 from irs_gym.mdp.task import World, shows_fields
+from irs_gym.rendering.continuous_view import point_at
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.vector.continuous_infos import CONTINUOUS_KEYS
 from irs_gym.vector.infos import SCENE_KEYS, Infos, budget_keys, checked_keys
@@ -268,6 +269,10 @@ class IrsNavContinuousEnv(gymnasium.Env[Any, Action]):
     def render(self) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""
         return self._episode.render(self.render_mode)
+
+    def point_at(self, pixel: tuple[float, float]) -> NDArray[np.float64]:
+        """The point (x, y) in metres that a pixel of the picture shows: for who steers by mouse."""
+        return point_at(self.maps, self.ends, pixel)
 
 
 def action_box() -> spaces.Box:

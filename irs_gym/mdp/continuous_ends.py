@@ -123,7 +123,7 @@ def _check_point(maps: ContinuousMaps, scene: int, name: str, point: Point) -> N
     kind = judge.kind(*point)
     if kind == OBSTACLE:
         raise ValueError(f"{said} lies in an obstacle")
-    if kind == BELOW:
+    if kind == BELOW and maps.field == "exact":  # of cells, it is told with a target that is not
         raise ValueError(
             f"{said} has a gain of {judge.gain_db(*point):.4f} dB, below "
             f"target_db={maps.target_db[scene]}"

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.grid import Grid
 from irs_gym.rendering.layout import rows_from_top
-from irs_gym.rendering.view import Point, View, checked_path, nearest_cells
+from irs_gym.rendering.view import Point, View, nearest_cells
 
 
 def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
@@ -20,7 +20,7 @@ def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
         Where ``path`` is not of shape ``(T, 2)``, T >= 1, or leaves the grid.
     """
     grid = view.grid
-    cells = nearest_cells(grid, checked_path(grid, path, "path"))
+    cells = nearest_cells(grid, view.checked_path(path, "path"))
     oracle = nearest_cells(grid, _filled(np.reshape(view.oracle_cells, (-1, 2))))
     ends = [nearest_cells(grid, np.array([each])) for each in (view.start, view.goal)]
 

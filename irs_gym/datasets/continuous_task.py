@@ -13,7 +13,7 @@ import numpy as np
 
 from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds
 from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.grid import checked_point
+from irs_gym.grid import Cell, Grid, checked_point
 from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget
 from irs_gym.mdp.continuous_ends import check_scene
 from irs_gym.mdp.continuous_maps import (
@@ -296,7 +296,7 @@ def _of_one_resolved(task: ContinuousTask, arguments: Task) -> ContinuousMaps:
         grid = arguments.scene.grid(task.cell_size)
 
     given = {name: getattr(task, name) for name in ("start", "goal")}
-    ends = {name: grid.cell_of(point) for name, point in given.items() if point is not None}
+    ends = {name: _cell_of(grid, name, at) for name, at in given.items() if at is not None}
     base = task.one_scene(**ends)
     world = build_world(base)
     maps = ContinuousMaps(
@@ -377,7 +377,7 @@ def _of_many_read(task: ContinuousTask) -> ContinuousMaps:
     )
 
 
-def _within(grid: Any, point: Point | None, cell: tuple[int, int]) -> tuple[float, float]:
+def _within(grid: Grid, point: Point | None, cell: Cell) -> Point:
     """A point in cells from the lower left corner: the given one, else the centre of the cell."""
     if point is None:
         return cell[0] + 0.5, cell[1] + 0.5
@@ -386,16 +386,15 @@ def _within(grid: Any, point: Point | None, cell: tuple[int, int]) -> tuple[floa
     return x, y
 
 
+def _cell_of(grid: Grid, name: str, point: Point) -> Cell:
+    try:
+        return grid.cell_of(point)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
 def _checked_length(name: str, value: Any) -> float:
     is_number = isinstance(value, Real) and not isinstance(value, bool | np.bool_)
     if not is_number or not 0 < value <= _MOST:
         raise ValueError(f"{name}={value!r} must be a number above 0 and up to {_MOST:g}")
     return float(value)
-
-
-__all__ = [
-    "ContinuousTask",
-    "ContinuousTaskArguments",
-    "build_continuous_maps",
-    "continuous_task_of",
-]

@@ -26,6 +26,7 @@ from irs_gym.mdp.continuous_ends import ContinuousEnds, checked_ends, choose_end
 from irs_gym.mdp.continuous_maps import ContinuousMaps, Point
 from irs_gym.mdp.continuous_snapshot import ContinuousSnapshot
 from irs_gym.mdp.task import World, shows_fields
+from irs_gym.rendering.continuous_view import point_at
 from irs_gym.rendering.modes import with_render_mode
 from irs_gym.vector.continuous_infos import CONTINUOUS_KEYS
 from irs_gym.vector.infos import SCENE_KEYS, Infos, budget_keys, checked_keys
@@ -46,7 +47,8 @@ class IrsNavContinuousEnv(gymnasium.Env[Any, Action]):
     optimum over all paths is known (`oracle_path`). Cells are closed: a robot may go along the
     border of a cell at or above the target, and pass where two such cells touch at a corner. With
     ``field="exact"`` it is the gain of Lemma 1 at the point itself, and obstacles are as they are;
-    a segment is judged at points `irs_gym.mdp.exact_judge.RESOLUTION` apart, 1 mm.
+    a segment is judged at points `irs_gym.mdp.exact_field.RESOLUTION` apart, 1 mm: what is
+    below the target for less may be missed.
 
     ## Action Space
     ``Box(-1, 1, (2,))``: heading and speed. The action, clipped to the unit disc, times ``speed``
@@ -267,6 +269,10 @@ class IrsNavContinuousEnv(gymnasium.Env[Any, Action]):
     def render(self) -> Any:
         """Picture (uint8, (H, W, 3)) or text of the map with the robot's and the oracle's path."""
         return self._episode.render(self.render_mode)
+
+    def point_at(self, pixel: tuple[float, float]) -> NDArray[np.float64]:
+        """The point (x, y) in metres that a pixel of the picture shows: for who steers by mouse."""
+        return point_at(self.maps, self.ends, pixel)
 
 
 def action_box() -> spaces.Box:

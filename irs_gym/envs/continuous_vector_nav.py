@@ -62,8 +62,8 @@ class IrsNavContinuousVectorEnv(VectorEnv[Any, Action, NDArray[Any]]):
         As in `irs_gym.envs.vector_nav.IrsNavVectorEnv`.
     infos
         Keys that the infos hold: ``"all"`` of the single environment's, a list of some, or
-        ``"fast"``: all but ``refused``, ``is_refused``, ``gain_db``, ``margin_db`` and
-        ``scene_id``.
+        ``"fast"``: all but ``refused``, ``is_refused``, ``x``, ``y``, ``gain_db``, ``margin_db``
+        and ``scene_id``.
     field, speed, ...
         As `irs_gym.datasets.continuous_task.ContinuousTask` says.
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from irs_gym.grid import Cell, checked_point
 from irs_gym.mdp.continuous_maps import ContinuousMaps, Floats, Point
-from irs_gym.mdp.continuous_rules import cell_judge, site_of
+from irs_gym.mdp.continuous_rules import cell_judge, judge_of, site_of
 from irs_gym.mdp.dynamics import draws_start
-from irs_gym.mdp.segment import BELOW, OBSTACLE, snapped
+from irs_gym.mdp.segment import BELOW, OBSTACLE, OPEN, snapped
 from irs_gym.memory import frozen
 from irs_gym.oracle.euclidean_to_go import EuclideanToGo, euclidean_distance_to_go
 from irs_gym.oracle.shortest_path import distance_to_go, infeasible
@@ -119,13 +119,13 @@ def _check_point(maps: ContinuousMaps, scene: int, name: str, point: Point) -> N
     if not (0 <= point[0] <= grid.shape[0] and 0 <= point[1] <= grid.shape[1]):
         raise ValueError(f"{said} lies off the floor from {grid.origin} to {grid.upper} m")
 
-    cell = cell_judge(maps, scene).cell(*point)
-    kind = maps.kinds[scene].flat[cell]
+    judge = judge_of(maps, scene)
+    kind = judge.kind(*point)
     if kind == OBSTACLE:
         raise ValueError(f"{said} lies in an obstacle")
-    if kind == BELOW:
+    if kind == BELOW and maps.field == "exact":  # of cells, it is told with a target that is not
         raise ValueError(
-            f"{said} has a gain of {cell_judge(maps, scene).gain_db(*point):.4f} dB, below "
+            f"{said} has a gain of {judge.gain_db(*point):.4f} dB, below "
             f"target_db={maps.target_db[scene]}"
         )
 
@@ -151,7 +151,8 @@ def _drawn_start(maps: ContinuousMaps, scene: int, goal: Point, rng: np.random.G
         i, j = cells[rng.integers(len(cells))].tolist()
         x, y = rng.random(2).tolist()
         start = snapped(i + x), snapped(j + y)
-        if hypot(start[0] - goal[0], start[1] - goal[1]) > maps.radius:
+        is_away = hypot(start[0] - goal[0], start[1] - goal[1]) > maps.radius
+        if is_away and judge_of(maps, scene).kind(*start) == OPEN:
             return start
 
     raise ValueError(

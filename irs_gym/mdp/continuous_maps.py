@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
 from hashlib import blake2b
+from math import ceil
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 from irs_gym.grid import Grid
 from irs_gym.mdp.segment import BELOW, OBSTACLE, OPEN, padded, snapped
@@ -110,6 +112,20 @@ class ContinuousMaps:
     def reachable_kinds(self) -> Kinds:
         """Likewise, with those of `reachable` to be entered."""
         return frozen(_kinds(self.free, self.reachable))
+
+    @cached_property
+    def clear(self) -> Bools:
+        """Padded cells from which no step meets anything, nor costs anything: so none has to be
+        looked at.
+        """
+        is_clear = self.kinds == OPEN
+        if self.rate is not None:
+            is_clear = is_clear & (self.rate == 0.0)
+
+        side = 2 * ceil(self.reach) + 1
+        around: Bools = minimum_filter(is_clear, (1, side, side), mode="constant", cval=False)
+
+        return frozen(around)
 
     @cached_property
     def rank(self) -> Floats:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from irs_gym.mdp.continuous_maps import ContinuousMaps, Point
 from irs_gym.mdp.dynamics import reward
+from irs_gym.mdp.exact_field import exact_field
 from irs_gym.mdp.segment import BELOW, OPEN, Walk, snapped, walk
 
 NEVER = 2.0  # a share of a segment that is not reached
@@ -25,6 +26,9 @@ class Judge(Protocol):
 
     def gain_db(self, x: float, y: float) -> float:
         """Expected channel gain."""
+
+    def kind(self, x: float, y: float) -> int:
+        """Whether a robot can be there, and what is in its way if not."""
 
     def sees(self, start: Point, end: Point) -> bool:
         """Whether the straight line between two points may be part of a path to success."""
@@ -49,12 +53,15 @@ class CellJudge:
     def __init__(self, maps: ContinuousMaps, scene: int) -> None:
         self._width = maps.width
         self._kinds = maps.kinds[scene].tobytes()
+        self._clear = maps.clear[scene].tobytes()
         self._reachable = maps.reachable_kinds[scene].tobytes()
         self._rank: list[float] = maps.rank[scene].ravel().tolist()
         self._rate = None if maps.rate is None else maps.rate[scene].ravel().tolist()
         self._gain = maps.gain_db[scene]
 
     def walk(self, start: Point, end: Point, until: float) -> Walk:  # noqa: D102
+        if until == 1.0 and self._clear[(floor(start[0]) + 1) * self._width + floor(start[1]) + 1]:
+            return Walk(1.0, end[0], end[1], -1, 0.0)
         return walk(self._kinds, self._rate, self._width, start, end, until)
 
     def rate(self, x: float, y: float) -> float:  # noqa: D102
@@ -63,6 +70,9 @@ class CellJudge:
     def gain_db(self, x: float, y: float) -> float:  # noqa: D102
         i, j = divmod(self.cell(x, y), self._width)
         return float(self._gain.item(i - 1, j - 1))
+
+    def kind(self, x: float, y: float) -> int:  # noqa: D102
+        return int(self._kinds[self.cell(x, y)])
 
     def sees(self, start: Point, end: Point) -> bool:  # noqa: D102
         return start == end or walk(self._reachable, None, self._width, start, end)[0] == 1.0
@@ -94,7 +104,7 @@ class Site:
         self.scene = scene
         self.goal = goal
         self.cells = cell_judge(maps, scene)
-        self.judge: Judge = self.cells
+        self.judge = judge_of(maps, scene)
         self.is_plain = is_plain(maps, scene, goal)
         self._reach = maps.reach
         self._radius = maps.radius
@@ -241,6 +251,11 @@ def checked_headings(actions: Any, count: int) -> NDArray[np.float64]:
 def cell_judge(maps: ContinuousMaps, scene: int) -> CellJudge:
     """Judge of a scene's cells; kept."""
     return CellJudge(maps, scene)
+
+
+def judge_of(maps: ContinuousMaps, scene: int) -> Judge:
+    """What the field of the maps says of a scene."""
+    return exact_field(maps, scene) if maps.field == "exact" else cell_judge(maps, scene)
 
 
 @lru_cache(maxsize=32)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from irs_gym.mdp.snapshot import sealed, unsealed
 
-_LAYOUT = Struct("<8sI2d2d2ddIIdd??")
+_LAYOUT = Struct("<8sI6d2dIIdd??")
 
 
 class ContinuousSnapshot(NamedTuple):

@@ -202,147 +202,177 @@ def walk_many(
     until
         Shape ``(n,)``.
     """
-    walkers = _Walkers.of(width, maps, start, end - start, until)
+    delta = end - start
+    walkers = _Walkers.of(width, maps, start, delta, until)
     count = len(until)
     share = until.copy()
     blocked = np.full(count, -1)
     paid = np.zeros(count)
-    at = end if (until == 1.0).all() else np.where(until == 1.0, end, start + until * walkers.delta)
-    at = at.copy() if at is end else at
+    at = np.where(until == 1.0, end, start + until * delta)
 
-    while walkers.robot.size:
-        kind = walkers.kinds(kinds)
+    while True:
+        cells = walkers.flat.astype(np.int64)
+        beside = cells - walkers.aside.astype(np.int64)
+        kind = np.maximum(kinds.take(cells), kinds.take(beside))
         first = walkers.cross.min(axis=0)
-        ahead = np.minimum(first, walkers.until)
         is_open = kind == OPEN
         is_there = is_open & (first >= walkers.until)
 
         if not is_open.all():
-            stopped = np.flatnonzero(~is_open)
-            who = walkers.robot[stopped]
-            share[who] = walkers.t[stopped]
-            blocked[who] = kind[stopped]
-            at[:, who] = walkers.of_some(stopped).on_border()
+            stopped = walkers.of_some(np.flatnonzero(~is_open))
+            who = stopped.robot
+            share[who] = stopped.t
+            blocked[who] = kind[~is_open]
+            at[:, who] = stopped.on_border()
 
         if rate is not None:
-            spent = (ahead - walkers.t) * walkers.lower_rates(kinds, rate)
+            ahead = np.minimum(first, walkers.until)
+            spent = (ahead - walkers.t) * _lower_rates(kinds, rate, cells, beside)
             paid[walkers.robot] += np.where(is_open, spent, 0.0)
 
-        there = np.flatnonzero(is_there)
-        who = walkers.robot[there]
-        at[:, who] = walkers.of_some(there).within_cell(at[:, who])
+        # whole segments end where they are asked to: on a border, or further from it than rounding
+        part = is_there & (walkers.until < 1.0)
+        if part.any():
+            there = walkers.of_some(np.flatnonzero(part))
+            at[:, there.robot] = there.within_cell(at[:, there.robot])
 
         going = np.flatnonzero(is_open & ~is_there)
-        walkers = walkers.of_some(going).stepped(first[going])
+        if not going.size:
+            return Walks(share, at, blocked, paid)
 
-    return Walks(share, at, blocked, paid)
+        walkers = walkers.of_some(going)
+        walkers.step_on(first[going])
 
 
 class _Walkers(NamedTuple):
-    """Robots that are still on their way; arrays ``(2, n)`` along x and y, or ``(n,)``."""
+    """Robots that are still on their way, in one array, so that some are picked in one go: all are
+    whole numbers or floats, and the former exact.
+    """
 
     width: int
-    robot: Ints  # (n,), their numbers
-    start: Floats  # (2, n)
-    delta: Floats  # (2, n)
-    until: Floats  # (n,)
-    t: Floats  # (n,): shares that they have travelled
-    cell: Ints  # (2, n)
-    step: Ints  # (2, n): from one cell to the next
-    border: Ints  # (2, n): ahead
-    cross: Floats  # (2, n): shares at which they are crossed
-    flat: Ints  # (n,): padded cells
-    beside: Ints  # (n,): along a border, those beside them; else the same
-    is_on: NDArray[np.bool_]  # (2, n): whether they are on borders that they have just come to
+    rows: NDArray[Any]  # (17, n)
 
     @classmethod
     def of(
         cls, width: int, maps: Ints | int, start: Floats, delta: Floats, until: Floats
     ) -> "_Walkers":
         """Robots that set out."""
+        rows = np.zeros((17, len(until)))
+        own = cls(width, rows)
+        own.start[:] = start
+        own.delta[:] = delta
+        rows[12] = until
+
+        # see `_entered`
         is_up = delta > 0.0
         is_down = delta < 0.0
         floors = np.floor(start)
-        is_integer = floors == start
-        cell = floors.astype(np.int64)
-        cell -= is_down & is_integer
-        border = cell + is_up
-        cross = np.full(start.shape, inf)
-        np.divide(border - start, delta, out=cross, where=is_up | is_down)
+        is_whole = floors == start
+        cell = floors - (is_down & is_whole)
+        own.border[:] = cell + is_up
+        own.over[:] = is_up
+        own.over[:] -= is_down
+        own.cross[:] = inf
+        np.divide(own.border - start, delta, out=own.cross, where=is_up | is_down)
 
-        flat = maps + (cell[0] + 1) * width + cell[1] + 1
-        is_along = is_integer & (delta == 0.0)
-        beside = flat - is_along[0] * width - is_along[1]
-        step = is_up.astype(np.int64) - is_down
-        count = start.shape[1]
+        rows[14] = maps + (cell[0] + 1) * width + cell[1] + 1
+        is_along = is_whole & (delta == 0.0)
+        rows[15] = is_along[0] * width + is_along[1]
+        rows[16] = np.arange(len(until))
 
-        return cls(
-            width=width,
-            robot=np.arange(count),
-            start=start,
-            delta=delta,
-            until=until,
-            t=np.zeros(count),
-            cell=cell,
-            step=step,
-            border=border,
-            cross=cross,
-            flat=flat,
-            beside=beside,
-            is_on=np.zeros(start.shape, dtype=bool),
-        )
+        return own
+
+    @property
+    def start(self) -> Floats:
+        """Shape ``(2, n)``."""
+        return np.asarray(self.rows[0:2])
+
+    @property
+    def delta(self) -> Floats:
+        """Shape ``(2, n)``."""
+        return np.asarray(self.rows[2:4])
+
+    @property
+    def cross(self) -> Floats:
+        """Shares at which the borders ahead are crossed, ``(2, n)``."""
+        return np.asarray(self.rows[4:6])
+
+    @property
+    def border(self) -> Floats:
+        """The borders ahead, ``(2, n)``."""
+        return np.asarray(self.rows[6:8])
+
+    @property
+    def over(self) -> Floats:
+        """Steps from one cell to the next, ``(2, n)``."""
+        return np.asarray(self.rows[8:10])
+
+    @property
+    def is_on(self) -> Floats:
+        """1 where a robot is on a border that it has just come to, ``(2, n)``."""
+        return np.asarray(self.rows[10:12])
+
+    @property
+    def until(self) -> Floats:
+        """Shares of the segments to go at most, ``(n,)``."""
+        return np.asarray(self.rows[12])
+
+    @property
+    def t(self) -> Floats:
+        """Shares that have been travelled, ``(n,)``."""
+        return np.asarray(self.rows[13])
+
+    @property
+    def flat(self) -> Floats:
+        """Padded cells that the robots go into, ``(n,)``."""
+        return np.asarray(self.rows[14])
+
+    @property
+    def aside(self) -> Floats:
+        """How far before it the other cell along a border comes, ``(n,)``; 0 off borders."""
+        return np.asarray(self.rows[15])
+
+    @property
+    def robot(self) -> Ints:
+        """Numbers of the robots, ``(n,)``."""
+        return np.asarray(self.rows[16].astype(np.int64))
 
     def of_some(self, chosen: Ints) -> "_Walkers":
-        """The same of some robots."""
-        return _Walkers(self.width, *(each.take(chosen, axis=-1) for each in self[1:]))  # type: ignore[arg-type]
-
-    def kinds(self, kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Kinds of the cells that they go into, ``(n,)``."""
-        return np.maximum(kinds.take(self.flat), kinds.take(self.beside))
-
-    def lower_rates(self, kinds: NDArray[np.uint8], rate: Floats) -> Floats:
-        """Rates in their cells, ``(n,)``; see `_lower_rate`."""
-        here, beside = (
-            np.where(kinds.take(each) == OPEN, rate.take(each), inf)
-            for each in (self.flat, self.beside)
-        )
-        lower = np.minimum(here, beside)
-
-        return np.where(np.isfinite(lower), lower, 0.0)
+        """Some of the robots, in memory of their own."""
+        return _Walkers(self.width, self.rows.take(chosen, axis=1))
 
     def on_border(self) -> Floats:
         """Points ``(2, n)`` on the borders that they have come to."""
-        return np.where(
-            self.is_on,
-            self.border - self.step,
-            snapped_many(self.start + self.t * self.delta),
-        )
+        between = snapped_many(self.start + self.t * self.delta)
+        return np.where(self.is_on > 0.0, self.border - self.over, between)
 
     def within_cell(self, at: Floats) -> Floats:
         """Points ``(2, n)``, kept within the cells where they move."""
-        within = np.minimum(np.maximum(at, self.cell), self.cell + 1.0)
+        cell = self.border - (self.over > 0.0)
+        within = np.minimum(np.maximum(at, cell), cell + 1.0)
         return np.where(self.delta == 0.0, at, within)
 
-    def stepped(self, first: Floats) -> "_Walkers":
-        """In the next cell each, over a border or two at once, which they cross at ``first``."""
+    def step_on(self, first: Floats) -> None:
+        """Go into the next cells, over a border or two at once, which are crossed at ``first``."""
         least = np.abs(self.delta).min(axis=0)
         with np.errstate(invalid="ignore"):  # along an axis, there is none of the other to cross
             is_corner = (np.abs(self.cross[0] - self.cross[1]) * least <= _TOUCH) & (least > 0.0)
 
-        on_x = is_corner | (self.cross[0] < self.cross[1])
-        is_on = np.stack([on_x, is_corner | ~on_x])
-        over = self.step * is_on
-        border = self.border + over
-        cross = self.cross.copy()
-        np.divide(border - self.start, self.delta, out=cross, where=is_on)
-        change = over[0] * self.width + over[1]
+        is_on = np.empty(self.cross.shape, dtype=bool)
+        np.logical_or(is_corner, self.cross[0] < self.cross[1], out=is_on[0])
+        np.logical_or(is_corner, ~is_on[0], out=is_on[1])
+        self.is_on[:] = is_on
+        over = self.over * is_on
+        self.border[:] += over
+        np.divide(self.border - self.start, self.delta, out=self.cross, where=is_on)
+        self.rows[13] = first
+        self.rows[14] += over[0] * self.width + over[1]
 
-        return self._replace(
-            t=first,
-            cell=self.cell + over,
-            border=border,
-            cross=cross,
-            flat=self.flat + change,
-            beside=self.beside + change,
-            is_on=is_on,
-        )
+
+def _lower_rates(kinds: NDArray[np.uint8], rate: Floats, cells: Ints, beside: Ints) -> Floats:
+    """`_lower_rate` of many; 0 where neither cell is open."""
+    here = np.where(kinds.take(cells) == OPEN, rate.take(cells), inf)
+    there = np.where(kinds.take(beside) == OPEN, rate.take(beside), inf)
+    lower = np.minimum(here, there)
+
+    return np.where(np.isfinite(lower), lower, 0.0)

@@ -1,11 +1,13 @@
 """`text_frame`: one frame of an episode in plain characters."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.grid import Grid
 from irs_gym.rendering.layout import rows_from_top
-from irs_gym.rendering.view import Point, View, checked_path, nearest_cells
+from irs_gym.rendering.view import Point, View, nearest_cells
 
 
 def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
@@ -18,8 +20,8 @@ def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
         Where ``path`` is not of shape ``(T, 2)``, T >= 1, or leaves the grid.
     """
     grid = view.grid
-    cells = nearest_cells(grid, checked_path(grid, path, "path"))
-    oracle = nearest_cells(grid, np.reshape(view.oracle_cells, (-1, 2)))
+    cells = nearest_cells(grid, view.checked_path(path, "path"))
+    oracle = nearest_cells(grid, _filled(np.reshape(view.oracle_cells, (-1, 2))))
     ends = [nearest_cells(grid, np.array([each])) for each in (view.start, view.goal)]
 
     # The border leaves "+" in the corners.
@@ -60,6 +62,19 @@ def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
             *legend,
         ]
     )
+
+
+def _filled(path: NDArray[Any]) -> NDArray[Any]:
+    """A path ``(k, 2)`` of fractions of cells with points between, a quarter of a cell apart; one
+    of cells as it is.
+    """
+    if path.dtype.kind != "f" or len(path) < 2:
+        return path
+
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    at = np.arange(0.0, along[-1], 0.25)
+
+    return np.stack([np.interp(at, along, axis) for axis in path.T], axis=-1)
 
 
 def _bordered_cells(grid: Grid, points: tuple[Point, ...]) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from irs_gym.mdp.continuous_ends import ContinuousEnds, oracle_points
 from irs_gym.mdp.continuous_maps import ContinuousMaps
+from irs_gym.rendering.background import background_of
 from irs_gym.rendering.episode_view import RENDERERS, drawn_of
 from irs_gym.rendering.view import View
 
@@ -17,6 +18,13 @@ def continuous_picture(
 ) -> Any:
     """What a render mode makes of the points ``(T, 2)`` of an episode, in cells."""
     return RENDERERS[mode](_view_of(maps, ends), path - 0.5)
+
+
+def point_at(
+    maps: ContinuousMaps, ends: ContinuousEnds, pixel: tuple[float, float]
+) -> NDArray[np.float64]:
+    """The point (x, y) in metres that a pixel of the picture shows."""
+    return background_of(_view_of(maps, ends)).layout.points(pixel)
 
 
 @lru_cache(maxsize=32)

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.rendering import primitives
 from irs_gym.rendering.background import ROBOT, background_of, trace
-from irs_gym.rendering.view import View, checked_path, nearest_cells
+from irs_gym.rendering.view import View, nearest_cells
 
 
 def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray[np.uint8]:
@@ -33,7 +33,7 @@ def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray
     """
     from PIL import ImageDraw
 
-    cells = checked_path(view.grid, path, "path")
+    cells = view.checked_path(path, "path")
     background = background_of(view)
     layout = background.layout
     frame = background.image.copy()

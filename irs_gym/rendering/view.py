@@ -95,7 +95,23 @@ class View:
             ("oracle_cells", self.oracle_cells),
         ):
             if len(cells):
-                checked_path(self.grid, cells, name)
+                self.checked_path(cells, name)
+
+    @property
+    def has_fractions(self) -> bool:
+        """Whether places are fractions of cells, as the start is."""
+        return isinstance(self.start[0], float)
+
+    def checked_path(self, path: ArrayLike, name: str) -> NDArray[Any]:
+        """Places ``(T, 2)``: cells as `checked_cells`, or float64 fractions of them on the grid."""
+        if not self.has_fractions:
+            return checked_cells(self.grid, path, name)
+
+        array = np.asarray(path, dtype=np.float64)
+        is_path = array.ndim == 2 and array.shape[1:] == (2,)
+        checked_cells(self.grid, nearest_cells(self.grid, array) if is_path else array, name)
+
+        return array
 
     @cached_property
     def is_obstacle(self) -> NDArray[np.bool_]:
@@ -126,19 +142,6 @@ def checked_cells(grid: Grid, cells: ArrayLike, name: str) -> NDArray[np.int64]:
         )
 
     return array.astype(np.int64)
-
-
-def checked_path(grid: Grid, path: ArrayLike, name: str) -> NDArray[Any]:
-    """Cells as `checked_cells`, or fractions of them: a float64 array ``(T, 2)``, where centres of
-    cells are whole numbers.
-    """
-    array = np.asarray(path)
-    if array.dtype.kind != "f":
-        return checked_cells(grid, array, name)
-
-    checked_cells(grid, nearest_cells(grid, array), name)
-
-    return array
 
 
 def nearest_cells(grid: Grid, path: NDArray[Any]) -> NDArray[np.int64]:

@@ -2,6 +2,7 @@
 those of `irs_gym.mdp.continuous_rules.Site`.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -13,9 +14,10 @@ from irs_gym.mdp.budget import payable
 from irs_gym.mdp.continuous_ends import ContinuousEnds, oracle_distances
 from irs_gym.mdp.continuous_maps import ContinuousMaps
 from irs_gym.mdp.continuous_rules import NEVER, is_plain, step_reward
+from irs_gym.mdp.exact_field import ExactField, exact_field
 from irs_gym.mdp.observation import build_observer
 from irs_gym.mdp.packing import Packing, Parts, scaled_margin
-from irs_gym.mdp.segment import BELOW, snapped_many, walk_many
+from irs_gym.mdp.segment import BELOW, Walks, snapped_many, walk_many
 from irs_gym.memory import frozen
 from irs_gym.vector.protocols import Outcome
 
@@ -69,10 +71,7 @@ class ContinuousModel:
             seen = self._sees(bases[asked], entered, goal[:, asked])
             until[asked[~seen]] = NEVER
 
-        walks = walk_many(
-            self._kinds, self._rate, maps.width, bases, start, target, np.minimum(until, 1.0)
-        )
-        share, at, blocked, paid = walks
+        share, at, blocked, paid = self._walk(bases, start, target, np.minimum(until, 1.0))
         if is_still.any():
             share[is_still] = 1.0
             at[:, is_still] = start[:, is_still]
@@ -96,8 +95,7 @@ class ContinuousModel:
             # who is stopped stands there for the rest of the time, and who stays for all of it
             stood = np.where(is_still, 1.0, used - share)
             standing = np.flatnonzero(stood > 0.0)
-            here = self._flat_cells(at[:, standing], bases[standing])
-            paid[standing] += stood[standing] * self._rate.take(here)
+            paid[standing] += stood[standing] * self._rates(at[:, standing], bases[standing])
             cost = paid * maps.time_step
             cost = cost if maps.rules.budget is None else payable(cost)
         elif maps.rules.constraint == "terminate":
@@ -131,11 +129,70 @@ class ContinuousModel:
         outcome.is_refused[chosen] = True
         outcome.seconds[chosen] = self.maps.time_step
 
+    def _walk(self, bases: Ints, start: Floats, end: Floats, until: Floats) -> Walks:
+        """How far robots come from start to end, ``(2, n)``, or to a share of that, ``(n,)``."""
+        if self.maps.field == "exact":
+            parts = [
+                (robots, field.walk_many(start[:, robots], end[:, robots], until[robots]))
+                for field, robots in self._fields(bases)
+            ]
+            walks = Walks(until, end, np.full(len(until), -1), np.zeros(len(until)))
+            for robots, some in parts:
+                for array, its in zip(walks, some, strict=True):
+                    array[..., robots] = its
+
+            return walks
+
+        whole = np.floor(start).astype(np.int64)
+        cells = bases + (whole[0] + 1) * self.maps.width + whole[1] + 1
+        is_clear = self._clear.take(cells) & (until == 1.0)
+        near = np.flatnonzero(~is_clear)
+        walks = Walks(until, end, np.full(len(until), -1), np.zeros(len(until)))
+        if near.size:
+            some = walk_many(
+                self._kinds,
+                self._rate,
+                self.maps.width,
+                bases[near],
+                start[:, near],
+                end[:, near],
+                until[near],
+            )
+            for array, its in zip(walks, some, strict=True):
+                array[..., near] = its
+
+        return walks
+
     def _sees(self, bases: Ints, at: Floats, goal: Floats) -> Bools:
         """Whether the straight lines from points to goals, ``(2, n)`` each, may be gone."""
+        if self.maps.field == "exact":
+            is_seen = np.empty(len(bases), dtype=bool)
+            for field, robots in self._fields(bases):
+                is_seen[robots] = field.see(at[:, robots], goal[:, robots])
+
+            return is_seen
+
         ones = np.ones(len(bases))
         walks = walk_many(self._seen, None, self.maps.width, bases, at, goal, ones)
         return np.asarray((walks.share == 1.0) | (at == goal).all(axis=0))
+
+    def _rates(self, at: Floats, bases: Ints) -> Floats:
+        """What a second costs at points ``(2, n)``."""
+        if self.maps.field != "exact":
+            assert self._rate is not None
+            return self._rate.take(self._flat_cells(at, bases))
+
+        rates = np.empty(len(bases))
+        for field, robots in self._fields(bases):
+            rates[robots] = field.rates(field.gains_db(at[:, robots].T))
+
+        return rates
+
+    def _fields(self, bases: Ints) -> Iterator[tuple[ExactField, Ints]]:
+        """The exact field of each scene in use, and the robots that are there."""
+        for base in np.unique(bases).tolist():
+            scene = base // self.maps.padded_size
+            yield exact_field(self.maps, scene), np.flatnonzero(bases == base)
 
     # --- where robots are -------------------------------------------------------------------------
 
@@ -225,7 +282,14 @@ class ContinuousModel:
     # --- what else there is to say of states ------------------------------------------------------
 
     def gain_db(self, states: Records) -> Floats:  # noqa: D102
-        return np.asarray(self.maps.gain_db[self._own_cells(states)])
+        if self.maps.field != "exact":
+            return np.asarray(self.maps.gain_db[self._own_cells(states)])
+
+        gains = np.empty(len(states))
+        for field, robots in self._fields(self._bases(states)):
+            gains[robots] = field.gains_db(states["at"][robots])
+
+        return gains
 
     def margin_db(self, states: Records) -> Floats:  # noqa: D102
         return self.gain_db(states) - self.maps.target_db.take(states["scene"])
@@ -268,6 +332,10 @@ class ContinuousModel:
     @cached_property
     def _kinds(self) -> NDArray[np.uint8]:
         return self.maps.kinds.ravel()
+
+    @cached_property
+    def _clear(self) -> Bools:
+        return self.maps.clear.ravel()
 
     @cached_property
     def _seen(self) -> NDArray[np.uint8]:

@@ -127,6 +127,8 @@ SLOW = (
     "configuration",
     "switches",
     "metres",
+    "x",
+    "y",
 )
 
 Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for

@@ -79,7 +79,7 @@ def test_paths_are_those_of_the_robots():
 
 
 def test_options_hold_for_all():
-    envs = gymnasium.make_vec(ID, num_envs=2)
+    envs = gymnasium.make_vec(ID, num_envs=2, infos="all")
     _, infos = envs.reset(options={"start": (0.3, -4.2), "goal": (9.0, 4.0)})
     assert infos["x"].tolist() == pytest.approx([0.3, 0.3])
     assert envs.unwrapped.get_attr("goal")[1].tolist() == pytest.approx([9.0, 4.0])

@@ -164,8 +164,10 @@ def _material(config: TrainConfig | GeneralistConfig) -> Any:
         # no learner reads more of the infos, and dicts of all of them take longer than the steps
         told = ["cost", "is_success"]
         kind = _VECTOR_ENVS[type(config.env)]
+        named = getattr(config.agent, "env_settings", ())  # a table has none
+        own = {name: getattr(config.agent, name) for name in named}
         return IrsNavVecEnv(
-            config.agent.n_envs, vector_env=kind, infos=told, **arguments_of(config.env)
+            config.agent.n_envs, vector_env=kind, infos=told, **arguments_of(config.env), **own
         )
 
     scenes = _pool(config, config.env.split, config.env.num_scenes)

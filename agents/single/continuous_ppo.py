@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import ClassVar
 
+from agents.single.config import check_settings
 from agents.single.ppo import PpoConfig
 
 
@@ -13,11 +14,15 @@ class ContinuousPpoConfig(PpoConfig):
 
     algorithm: ClassVar[str] = "continuous_ppo"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init", "squash_output")
+    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
     total_timesteps: int = 1_600_000
     """Steps of the whole schedule, counted over all environments."""
     n_envs: int = 128
     """Environments that are stepped together."""
+    max_episode_steps: int = 32
+    """Steps after which a robot is set elsewhere in training: few, so that those that are stuck do
+    not make most of what is learned from."""
     net_arch: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of each network."""
     batch_size: int = 2048
@@ -38,6 +43,7 @@ class ContinuousPpoConfig(PpoConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_settings(self, "whole", "max_episode_steps", "sde_sample_freq")
         if self.squash_output and not self.use_sde:
             raise ValueError("squash_output=True needs use_sde=True")
         if not isfinite(self.log_std_init):

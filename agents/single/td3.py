@@ -12,7 +12,7 @@ class Td3Config:
 
     algorithm: ClassVar[str] = "td3"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch",)
-    env_settings: ClassVar[tuple[str, ...]] = ()
+    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
     total_timesteps: int = 150_000
     """Steps of the whole schedule, counted over all environments."""
@@ -24,6 +24,9 @@ class Td3Config:
     """Learning rate at the end of the schedule."""
     gamma: float = 0.98
     """Discount factor."""
+    max_episode_steps: int = 32
+    """Steps after which a robot is set elsewhere in training: few, so that those that are stuck do
+    not make most of what is learned from."""
     net_arch: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers of each network."""
     batch_size: int = 256
@@ -43,6 +46,7 @@ class Td3Config:
         check_schedule(self)
         check_widths(self)
         check_settings(self, "whole", "batch_size", "train_freq", "gradient_steps", "buffer_size")
+        check_settings(self, "whole", "max_episode_steps")
         check_settings(self, "share", "tau")
         if self.learning_starts < 0:
             raise ValueError(f"learning_starts={self.learning_starts} must not be negative")

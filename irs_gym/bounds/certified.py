@@ -24,11 +24,13 @@ from irs_gym.radio.radio_map import LINK_BYTES, RadioModel, serve
 from irs_gym.radio.scene import Scene
 from irs_gym.units import Floats, db_to_linear, linear_to_db
 
-SURE = 1  # states of cells: the whole cell meets the target, nothing of it does, or neither is known
+SURE = (
+    1  # states of cells: the whole cell meets the target, nothing of it does, or neither is known
+)
 UNDECIDED = 0
 INFEASIBLE = -1
 
-_FINEST = 1e-3  # metres: smallest edge of a cell, unless it is asked for
+_FINEST = 1e-5  # metres: smallest edge of a cell, unless it is asked for
 _CELL_BYTES = 2000  # for each cell: a rectangle, joined with the others
 _BAND = 2.0  # cells about the shortest path that may be are made smaller
 _OPEN = 1e-7  # metres by which what may be feasible is grown
@@ -136,7 +138,7 @@ def certified_bounds(
     Examples
     --------
     >>> bounds = certified_bounds("paper", target_db=-64.0, tolerance=0.01)
-    >>> bool(bounds.lower <= 20.46 <= bounds.upper), bounds.gap <= 0.01
+    >>> bool(bounds.lower <= 20.4925 <= bounds.upper), bounds.gap <= 0.01
     (True, True)
     """
     model = RadioModel.of(scene, cell_size, irs_elements, phase_bits, quantiser, array_model)
@@ -159,7 +161,7 @@ def certified_bounds(
     search = _Search(scene, gains, float(db_to_linear(target)), ends)
     search.add(_first_cells(scene, cell_size).reshape(-1, 4))
 
-    lower = float(np.hypot(*(ends[1] - ends[0])))
+    lower = float(np.hypot(*(ends[1] - ends[0]))) * (1 - _ROUNDING)
     best = TautPath(inf, np.zeros((0, 2)))
     while True:
         optimistic = search.shortest(UNDECIDED, best.length)
@@ -176,10 +178,8 @@ def certified_bounds(
             break
 
     if upper == inf:
-        raise ValueError(
-            f"{_infeasible(gains, ends, target, cell_size)}; cells of {finest} m do not tell whether there is "
-            "one here, finest= cuts further"
-        )
+        unknown = f"cells of {finest} m do not tell whether there is one"
+        raise ValueError(f"{_infeasible(gains, ends, target, cell_size)}; {unknown}")
 
     return Bounds(lower, upper, best.points, search.cells, search.states)
 
@@ -236,7 +236,7 @@ class _Search:
         for each in self.slanted:
             area = area.difference(shapely.buffer(each, -2 * grown, join_style="mitre"))
 
-        return shortest_in(area, *self.ends, grown)
+        return shortest_in(area, self.ends[0], self.ends[1], grown)
 
     def refine(self, path: TautPath, finest: float) -> bool:
         """Cut undecided cells near a path in four, of those the largest; whether there were any."""

@@ -45,8 +45,8 @@ class GainBounds:
     >>> from irs_gym import load_scene
     >>> bounds = GainBounds(load_scene("paper"), Hardware())
     >>> least, most = bounds.over(np.array([[-9.8, 0.2, -9.7, 0.3]]))
-    >>> (10 * np.log10([least[0], most[0]])).round(2)  # about the start, where the map has -58.9
-    array([-59.  , -58.87])
+    >>> (10 * np.log10([least[0], most[0]])).round(2)  # about where the gain is -59.51
+    array([-59.56, -59.46])
     """
 
     scene: Scene
@@ -64,9 +64,7 @@ class GainBounds:
                 "array_model='spherical' has no bounds: 'far_field' and 'coherent' have"
             )
         if hardware.levels is not None and hardware.quantiser == "as_printed":
-            raise ValueError(
-                "quantiser='as_printed' has no bounds: 'nearest' and 'optimal' have"
-            )
+            raise ValueError("quantiser='as_printed' has no bounds: 'nearest' and 'optimal' have")
         if len(scene.irs_panels) > _MOST_PANELS:
             raise ValueError(
                 f"irs_panels: there are {len(scene.irs_panels)}, and bounds are known for up to "
@@ -78,7 +76,8 @@ class GainBounds:
         """Shadows for each access point and panel."""
         scene = self.scene
         corners = np.array([scene.room.lower, scene.room.upper])
-        ends = [each.position for each in (*scene.access_points, *scene.irs_panels)]
+        ends = [each.position for each in scene.access_points]
+        ends += [each.position for each in scene.irs_panels]
         shadows = {}
 
         for end in ends:
@@ -197,7 +196,7 @@ class GainBounds:
         step = cascade.wavenumber * cascade.pitch_m
         height = self.scene.antenna_height - panel.position[2]
         along = _cosines(cells, panel.position, panel.along_wall, height)
-        up = sorted_interval(height / robot.distance_m[0], height / robot.distance_m[1])
+        up = _sorted(height / robot.distance_m[0], height / robot.distance_m[1])
         offsets = (float(direction @ panel.along_wall), float(direction[2]))
         low = np.ones(len(cells))
         high = np.ones(len(cells))
@@ -240,7 +239,7 @@ def _gain(
     return least, most
 
 
-def sorted_interval(first: Floats, second: Floats) -> Interval:
+def _sorted(first: Floats, second: Floats) -> Interval:
     """The two in order, element by element."""
     return np.minimum(first, second), np.maximum(first, second)
 

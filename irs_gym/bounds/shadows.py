@@ -15,7 +15,7 @@ from irs_gym.units import Floats
 # An obstacle that is smaller by this all around hides no more than the radio model lets it hide,
 # and one that is smaller by `TOUCH` / 2 no less: the model's own is smaller by `TOUCH`, and a chord
 # through it counts from 1e-9 of the segment on.
-_WITHIN = 1e-6
+_WITHIN = 1e-8  # of the reach, and as many metres as of 100
 _NEAR = 1e-6  # metres: an antenna nearer to an obstacle than this may be hidden from anywhere
 _GROWN = TOUCH / 4  # of a cell, against the rounding of what comes to lie on its border
 _AROUND = 1e-8  # of a cell that lies in a shadow
@@ -75,12 +75,13 @@ def shadows_of(floor: Floor, end: Floats, height: float, reach: float) -> Shadow
     ([True, False], [False, True])
     """
     heights = _heights(floor)
+    within = _WITHIN * max(reach, 100.0)
     inner = []
     outer = []
 
     for footprint, top in zip(floor.footprints, heights, strict=True):
-        smaller = shapely.buffer(footprint, -_WITHIN, join_style="mitre")
-        inner.append(_shadow(smaller, top - _WITHIN, end, height, reach, unknown=False))
+        smaller = shapely.buffer(footprint, -within, join_style="mitre")
+        inner.append(_shadow(smaller, top - within, end, height, reach, unknown=False))
         smaller = shapely.buffer(footprint, -TOUCH / 2, join_style="mitre")
         outer.append(_shadow(smaller, top - TOUCH / 2, end, height, reach, unknown=True))
 

@@ -4,7 +4,7 @@ target everywhere, between two lengths that are proved.
 
 from dataclasses import dataclass
 from math import inf, isfinite
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,11 @@ SURE = (
 UNDECIDED = 0
 INFEASIBLE = -1
 
-_FINEST = 1e-5  # metres: smallest edge of a cell, unless it is asked for
+_FINEST = 1e-5  # metres: smallest edge of a cell
+_MOST_CELLS = 10**8
 _CELL_BYTES = 2000  # for each cell: a rectangle, joined with the others
-_BAND = 2.0  # cells about the shortest path that may be are made smaller
+_BAND = 2.0  # so many edges away from the shortest path that may be, cells are cut
+_DEPTH = 4.5  # those a quarter as large as the largest at the same time
 _OPEN = 1e-7  # metres by which what may be feasible is grown
 _CLOSED = TOUCH / 8  # and what is feasible, twice: less than the model tells from a touch
 _ROUNDING = 1e-9  # relative, of a length
@@ -94,7 +96,7 @@ def certified_bounds(
     quantiser: Quantiser = "nearest",
     array_model: ArrayModel = "far_field",
     cell_size: float = 0.5,
-    finest: float = _FINEST,
+    most_cells: int = 50_000,
 ) -> Bounds:
     """Lower and upper bound of the shortest path of any shape along which the expected channel gain
     is at or above the target at every point: the paper's problem before it lays a grid.
@@ -121,9 +123,9 @@ def certified_bounds(
         not be met: see `Bounds.gap`.
     cell_size
         Edge in metres of the largest cells.
-    finest
-        Edge in metres that cells are cut to at most. Where the tolerance is not met then, the
-        bounds are what they are.
+    most_cells
+        Cells that the floor is cut into, at most. Where the tolerance is not met then, or cells are
+        as small as 0.01 mm, the bounds are what they are: see `Bounds.gap`.
 
     Raises
     ------
@@ -146,7 +148,7 @@ def certified_bounds(
     target = scene.target_db if target_db is None else checked_threshold(target_db, "target_db")
     tolerance = _checked_tolerance(tolerance)
     cell_size = checked_cell_size(cell_size)
-    finest = checked_cell_size(finest)
+    most_cells = _checked_cells(most_cells)
     gains = GainBounds(scene, model.hardware)
     ends = np.array(
         [
@@ -174,11 +176,11 @@ def certified_bounds(
         upper = best.length * (1 + _ROUNDING)
         lower = min(lower, upper)
         is_met = upper < inf and upper - lower <= tolerance * upper
-        if is_met or not search.refine(optimistic, finest):
+        if is_met or not search.refine(optimistic, most_cells):
             break
 
     if upper == inf:
-        unknown = f"cells of {finest} m do not tell whether there is one"
+        unknown = f"{len(search.cells)} cells do not tell whether there is one"
         raise ValueError(f"{_infeasible(gains, ends, target, cell_size)}; {unknown}")
 
     return Bounds(lower, upper, best.points, search.cells, search.states)
@@ -238,19 +240,22 @@ class _Search:
 
         return shortest_in(area, self.ends[0], self.ends[1], grown)
 
-    def refine(self, path: TautPath, finest: float) -> bool:
-        """Cut undecided cells near a path in four, of those the largest; whether there were any."""
+    def refine(self, path: TautPath, most_cells: int) -> bool:
+        """Cut undecided cells near a path in four, of those the largest; whether that was done."""
         undecided = np.flatnonzero(self.states == UNDECIDED)
         sizes = (self.cells[undecided, 2:] - self.cells[undecided, :2]).max(axis=1)
         boxes = shapely.box(*self.cells[undecided].T)
         line = shapely.linestrings(path.points)
         apart = shapely.distance(boxes, line)
-        is_near = (apart <= _BAND * sizes) & (sizes > finest)
+        is_near = (apart <= _BAND * sizes) & (sizes > _FINEST)
         if not is_near.any():
             return False
 
-        is_near &= sizes > sizes[is_near].max() / 1.9
+        is_near &= sizes > sizes[is_near].max() / _DEPTH
         chosen = undecided[is_near]
+        if len(self.cells) + 3 * len(chosen) > most_cells:
+            return False
+
         parents = self.cells[chosen]
         self.cells = np.delete(self.cells, chosen, axis=0)
         self.states = np.delete(self.states, chosen)
@@ -298,6 +303,16 @@ def _checked_tolerance(tolerance: Any) -> float:
         raise ValueError(f"tolerance={tolerance!r} must be a number from 1e-6 to 1")
 
     return float(tolerance)
+
+
+def _checked_cells(most_cells: Any) -> int:
+    is_number = isinstance(most_cells, Integral) and not isinstance(most_cells, bool)
+    if not (is_number and 1 <= most_cells <= _MOST_CELLS):
+        raise ValueError(
+            f"most_cells={most_cells!r} must be a whole number from 1 to {_MOST_CELLS:,}"
+        )
+
+    return int(most_cells)
 
 
 def _checked_end(scene: Scene, point: Any, name: str) -> tuple[float, float]:

@@ -183,7 +183,8 @@ def test_no_path_at_the_target_is_an_error_that_names_one_at_which_there_is():
         ({"array_model": "spherical"}, "array_model='spherical' has no bounds"),
         ({"phase_bits": 1, "quantiser": "as_printed"}, "quantiser='as_printed' has no bounds"),
         ({"cell_size": -1.0}, "cell_size=-1.0"),
-        ({"finest": 0.0}, "finest=0.0|cell_size=0.0"),
+        ({"most_cells": 0}, "most_cells=0 must be"),
+        ({"most_cells": 2.5}, "most_cells=2.5 must be"),
         ({"irs_elements": 7}, "irs_elements=7"),
     ],
 )

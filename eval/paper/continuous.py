@@ -124,6 +124,7 @@ def draw_cells(found: Continuous, folder: Path) -> None:
                     edgecolor="#909090",
                     linewidth=0.25,
                     zorder=1,
+                    rasterized=True,  # thousands of them
                 )
             )
             draw_floor(axes, scene)

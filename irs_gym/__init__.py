@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from irs_gym.mdp.robot import Robot as Robot
     from irs_gym.oracle.budget_to_go import BudgetToGo as BudgetToGo
     from irs_gym.oracle.budget_to_go import budget_to_go as budget_to_go
+    from irs_gym.oracle.euclidean_to_go import EuclideanToGo as EuclideanToGo
+    from irs_gym.oracle.euclidean_to_go import euclidean_distance_to_go as euclidean_distance_to_go
     from irs_gym.oracle.joint import JointPath as JointPath
     from irs_gym.oracle.joint import highest_joint_target as highest_joint_target
     from irs_gym.oracle.joint import joint_distance_to_go as joint_distance_to_go
@@ -33,7 +35,9 @@ if TYPE_CHECKING:
     from irs_gym.oracle.shortest_path import distance_to_go as distance_to_go
     from irs_gym.oracle.shortest_path import highest_feasible_target as highest_feasible_target
     from irs_gym.oracle.shortest_path import shortest_path as shortest_path
+    from irs_gym.oracle.straight_line import Polyline as Polyline
     from irs_gym.oracle.straight_line import straight_line_bound as straight_line_bound
+    from irs_gym.oracle.straight_line import straight_line_path as straight_line_path
     from irs_gym.oracle.switch_front import SwitchFront as SwitchFront
     from irs_gym.oracle.switch_front import switch_front as switch_front
     from irs_gym.oracle.trade_off import TradeOff as TradeOff
@@ -74,6 +78,8 @@ _HOMES = {
     "cost_map": "mdp.cost",
     "BudgetToGo": "oracle.budget_to_go",
     "budget_to_go": "oracle.budget_to_go",
+    "EuclideanToGo": "oracle.euclidean_to_go",
+    "euclidean_distance_to_go": "oracle.euclidean_to_go",
     "Front": "oracle.pareto_front",
     "pareto_front": "oracle.pareto_front",
     "FewestConfigurations": "mdp.configurations",
@@ -107,7 +113,9 @@ _HOMES = {
     "Scene": "radio.scene",
     "load_scene": "radio.scene",
     "from_sionna": "radio.sionna",
+    "Polyline": "oracle.straight_line",
     "straight_line_bound": "oracle.straight_line",
+    "straight_line_path": "oracle.straight_line",
     "SwitchFront": "oracle.switch_front",
     "switch_front": "oracle.switch_front",
     "TradeOff": "oracle.trade_off",
@@ -137,12 +145,18 @@ _IRS_NAV_CODEBOOK = (
     "irs_gym.envs.codebook_vector_nav:make_vector_env",
 )
 
+_IRS_NAV_CONTINUOUS = (
+    "irs_gym.envs.continuous_nav:make_env",
+    "irs_gym.envs.continuous_vector_nav:make_vector_env",
+)
+
 for _id, (_entry_point, _vector_entry_point), _arguments in (
     ("IrsNav-v0", _IRS_NAV, {}),
     ("IrsNavFlat-v0", _IRS_NAV, {"observation": "flat"}),
     ("IrsNavRandom-v0", _IRS_NAV_RANDOM, {}),
     ("IrsNavRandomFlat-v0", _IRS_NAV_RANDOM, {"observation": "flat"}),
     ("IrsNavCodebook-v0", _IRS_NAV_CODEBOOK, {}),
+    ("IrsNavContinuous-v0", _IRS_NAV_CONTINUOUS, {}),
 ):
     if _id not in registry:
         register(

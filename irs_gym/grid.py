@@ -33,7 +33,7 @@ SMALLEST = 1e-9
 LARGEST = 1e9
 
 # In cells: a point this near to a border counts as on it, whatever the rounding of its coordinates.
-_SNAP = 1e-9
+SNAP = 1e-9
 _CLEARANCE_BYTES = 120  # for each cell whose clearance is measured
 
 
@@ -97,7 +97,7 @@ class Grid:
 
         for axis, low, high in zip("xy", lower, upper, strict=True):
             cells = (high - low) / cell_size
-            if round(cells) < 1 or abs(cells - round(cells)) > _SNAP * max(1.0, cells):
+            if round(cells) < 1 or abs(cells - round(cells)) > SNAP * max(1.0, cells):
                 better = (high - low) / max(1, round(cells))
                 raise ValueError(
                     f"cell_size={cell_size} does not divide the room's {high - low:g} m "
@@ -146,14 +146,14 @@ class Grid:
 
         for value, low, n in zip(point, self.origin, self.shape, strict=True):
             position = (value - low) / self.cell_size
-            if not -_SNAP <= position <= n + _SNAP:
+            if not -SNAP <= position <= n + SNAP:
                 raise ValueError(
                     f"the point {point} m lies outside the floor "
                     f"from {self.origin} to {self.upper} m"
                 )
 
             nearest = round(position)
-            at = nearest if abs(position - nearest) < _SNAP else floor(position)
+            at = nearest if abs(position - nearest) < SNAP else floor(position)
             cell.append(min(at, n - 1))  # the outer border has no cell beyond it
 
         return cell[0], cell[1]
@@ -410,7 +410,7 @@ def with_clearance(
 
     metres = distance_transform_edt(is_clear)[1::2, 1::2] * (cell_size / 2)  # (X, Y)
 
-    return np.asarray(free & (metres >= robot_radius * (1 - _SNAP)))
+    return np.asarray(free & (metres >= robot_radius * (1 - SNAP)))
 
 
 def checked_radius(robot_radius: Any) -> float:

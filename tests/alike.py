@@ -53,10 +53,21 @@ def assert_equal_for(steps: int, ours: gymnasium.vector.VectorEnv, single: SyncV
     for step in range(steps):
         if step % 500 == 499:
             assert_same(ours.reset(seed=step), single.reset(seed=step))
-        actions = rng.integers(0, ours.single_action_space.n, single.num_envs)
+        actions = some_actions(rng, ours.single_action_space, single.num_envs)
         mine, other = ours.step(actions), single.step(actions)
         assert_same(mine, other, f"step {step}: ")
         if step % 10 == 0:
-            assert ours.unwrapped.get_attr("path") == single.get_attr("path")
+            assert_same(ours.unwrapped.get_attr("path"), single.get_attr("path"))
         ends += int((mine[2] | mine[3]).sum())
     return ends
+
+
+def some_actions(rng: np.random.Generator, space: gymnasium.Space, n: int) -> np.ndarray:
+    """Random actions of n robots; of headings, some beyond the unit disc, along an axis, or none."""
+    if isinstance(space, gymnasium.spaces.Discrete):
+        return rng.integers(0, space.n, n)
+
+    actions = rng.uniform(-1.3, 1.3, (n, *space.shape))
+    actions[rng.random(actions.shape) < 0.1] = 0.0
+
+    return actions

@@ -1,18 +1,24 @@
-"""`python -m eval play`: the robot steered from the keyboard, in a window."""
+"""`python -m eval play`: the robot steered from the keyboard or by the mouse, in a window."""
 
 import sys
 from collections.abc import Callable
 from typing import Any, Literal
 
 import gymnasium
+import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from gymnasium.spaces import Box
 from gymnasium.wrappers import HumanRendering
+from numpy.typing import NDArray
+
+from irs_gym.grid import MOVE_LENGTHS, MOVES
 
 KEYS = """arrow keys                        E, N, W, S
 Home, Page Up, End, Page Down     NW, NE, SW, SE (so does the number pad)
 Q W E / A D / Z X C               all eight, as they lie around S
 R                                 a new episode
 Escape                            the end"""
+MOUSE = "mouse button, held down           towards the pointer, and no further"
 NAMES = {  # of pygame's keys, by the number of the action: E, NE, N, NW, W, SW, S, SE
     0: ("right", "keypad 6", "d"),
     1: ("page up", "keypad 9", "e"),
@@ -24,6 +30,8 @@ NAMES = {  # of pygame's keys, by the number of the action: E, NE, N, NW, W, SW,
     7: ("page down", "keypad 3", "c"),
 }
 
+HEADINGS = MOVES / MOVE_LENGTHS[:, None]  # (8, 2), at full speed
+
 
 def main(
     scene: str = "paper",
@@ -31,11 +39,12 @@ def main(
     constraint: Literal["refuse", "terminate", "allow"] = "refuse",
     random_start: bool = False,
     seed: int | None = None,
+    continuous: bool = False,
 ) -> int:
     """Steer the robot to the goal from the keyboard; the oracle's path is drawn as dashes.
 
     Arrow keys and, for diagonals, Home, Page Up, End and Page Down move; R begins anew, Escape
-    ends.
+    ends. A robot that goes anywhere on the floor follows the mouse as well.
 
     Parameters
     ----------
@@ -51,10 +60,12 @@ def main(
         Whether each episode begins in another cell.
     seed
         Seed of the starts.
+    continuous
+        Whether the robot goes anywhere on the floor, and not from cell to cell.
     """
     try:
         pictures = gymnasium.make(
-            "irs_gym:IrsNav-v0",
+            "irs_gym:IrsNavContinuous-v0" if continuous else "irs_gym:IrsNav-v0",
             render_mode="rgb_array",
             scene=scene,
             target_db=target_db,
@@ -64,7 +75,7 @@ def main(
             random_start=random_start,
         )
         env: Any = HumanRendering(pictures)  # its `close` has no types
-        print(KEYS)
+        print(f"{KEYS}\n{MOUSE}" if continuous else KEYS)
         play_by_keyboard(env, seed)
     except DependencyNotInstalled:
         print(
@@ -93,10 +104,15 @@ def play_by_keyboard(
 
     import pygame
 
+    is_continuous = isinstance(env.action_space, Box)
     actions = {
-        pygame.key.key_code(name): action for action, names in NAMES.items() for name in names
+        pygame.key.key_code(name): HEADINGS[action] if is_continuous else action
+        for action, names in NAMES.items()
+        for name in names
     }
     pygame.key.set_repeat(300, 100)  # a key held down moves on, ten times a second
+    if is_continuous:
+        pygame.time.set_timer(pygame.USEREVENT, 100)  # so does a button
     is_over = False
     info = start
 
@@ -107,18 +123,32 @@ def play_by_keyboard(
             event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE
         ):
             return
-        if event.type != pygame.KEYDOWN:
-            continue
-
-        if event.key == pygame.K_r:
+        if event.type == pygame.KEYDOWN and event.key == pygame.K_r:
             _, start = env.reset()
             is_over = False
             info = start
-        elif event.key in actions and not is_over:
-            _, _, terminated, truncated, info = env.step(actions[event.key])
+            continue
+
+        action = actions.get(event.key) if event.type == pygame.KEYDOWN else None
+        if event.type == pygame.MOUSEBUTTONDOWN and is_continuous:
+            action = towards(env, event.pos)
+        elif event.type == pygame.USEREVENT and pygame.mouse.get_pressed()[0]:
+            action = towards(env, pygame.mouse.get_pos())
+
+        if action is not None and not is_over:
+            _, _, terminated, truncated, info = env.step(action)
             is_over = terminated or truncated
             if is_over:
                 tell(summary(start, info))
+
+
+def towards(env: gymnasium.Env[Any, Any], pixel: tuple[float, float]) -> NDArray[np.float64]:
+    """The action that leads towards what a pixel shows, as far as a step can and no further."""
+    robot: Any = env.unwrapped
+    away = robot.point_at(pixel) - robot.position
+    action = away / (robot.task.speed * robot.task.time_step)
+
+    return np.asarray(action / max(1.0, float(np.hypot(*action))))
 
 
 def summary(start: dict[str, Any], info: dict[str, Any]) -> str:

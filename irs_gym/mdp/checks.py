@@ -147,7 +147,10 @@ def checked_options(options: dict[str, Any] | None, *more: str) -> dict[str, Any
 
 
 def check_num_envs(
-    num_envs: int, max_episode_steps: int, packing: Packing | CodebookPacking
+    num_envs: int,
+    max_episode_steps: int,
+    packing: Packing | CodebookPacking,
+    place_bytes: float = 8.0,
 ) -> None:
     """Refuse a vector environment whose observations and paths would take too much memory, before
     any is made.
@@ -158,7 +161,7 @@ def check_num_envs(
     )
     check_memory(
         f"num_envs={num_envs}, max_episode_steps={max_episode_steps}: the paths of all robots",
-        8.0 * num_envs * (max_episode_steps + 1),  # bytes: a flat cell a step
+        place_bytes * num_envs * (max_episode_steps + 1),  # a flat cell a step, or a point
     )
 
 

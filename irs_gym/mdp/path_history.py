@@ -1,5 +1,7 @@
 """`PathHistory`: the cells of many robots since their episodes began."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,22 +12,27 @@ class PathHistory:
     """Remembers where n robots were at their latest steps: a ring of arrays, each as it was given,
     so that a step costs nothing.
 
-    Cells are flat; where there are several maps, they lie one above the other.
+    Cells are flat; where there are several maps, they lie one above the other. Places of another
+    type than numbers of cells are remembered likewise, and told by `flat` alone.
     """
 
-    def __init__(self, num_robots: int, length: int, shape: tuple[int, int]) -> None:
+    def __init__(
+        self, num_robots: int, length: int, shape: tuple[int, int], places: Any = np.int64
+    ) -> None:
         """Remember ``length`` steps on maps of the given shape."""
         self._shape = shape
-        self._rows = [np.zeros(0, dtype=np.int64)] * length  # each (n,), once there was its step
+        self._rows: list[NDArray[Any]] = [
+            np.zeros(0, dtype=places)
+        ] * length  # each (n,), once there was its step
         self._clock = 0  # steps of all robots
 
         # Row 0: of the episode of each robot. Row 1: of the one before it, which is still asked for
         # after a same-step autoreset.
-        self._starts = np.zeros((2, num_robots), dtype=np.int64)
+        self._starts = np.zeros((2, num_robots), dtype=places)
         self._began = np.zeros((2, num_robots), dtype=np.int64)
         self._ended = np.zeros(num_robots, dtype=np.int64)  # clock at the end of the one before
 
-    def begin(self, chosen: NDArray[np.int64], cells: NDArray[np.int64], clock: int) -> None:
+    def begin(self, chosen: NDArray[np.int64], cells: NDArray[Any], clock: int) -> None:
         """Start an episode of the chosen robots in the flat cells at a time, in steps of all
         robots.
         """
@@ -37,7 +44,7 @@ class PathHistory:
         self._starts[0, chosen] = cells
         self._began[0, chosen] = clock
 
-    def advance(self, cells: NDArray[np.int64], clock: int) -> None:
+    def advance(self, cells: NDArray[Any], clock: int) -> None:
         """Remember the flat cells ``(n,)`` after a step, at a time that is one step later than the
         last; the array is kept, so nobody may write to it any more.
         """
@@ -56,7 +63,7 @@ class PathHistory:
         """
         return cells_of(self.flat(robot, of_last_episode=of_last_episode), self._shape)
 
-    def flat(self, robot: int, *, of_last_episode: bool | np.bool_ = False) -> NDArray[np.int64]:
+    def flat(self, robot: int, *, of_last_episode: bool | np.bool_ = False) -> NDArray[Any]:
         """The flat cells behind `path`, one a step and the first, ``(T,)``."""
         # the cell in which it began, and then one cell a step: rows of the ring
         which = int(of_last_episode)

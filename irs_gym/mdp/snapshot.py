@@ -40,20 +40,38 @@ class Snapshot(NamedTuple):
         if self.switches is not None:
             content += _SWITCHES.pack(*self[-2:])
 
-        return content + _CHECK.pack(crc32(content))
+        return sealed(content)
 
     @classmethod
     def from_bytes(cls, state: bytes, *, has_switches: bool = False) -> "Snapshot":
         """What `to_bytes` made; a ``ValueError`` where a byte of it is lost or changed."""
-        size = _LAYOUT.size + _CHECK.size + _SWITCHES.size * has_switches
-        if not isinstance(state, bytes) or len(state) != size:
-            raise ValueError(f"state must be the {size} bytes that get_state() gives")
-
-        content = state[: -_CHECK.size]
-        check = state[-_CHECK.size :]
-        if check != _CHECK.pack(crc32(content)):
-            raise ValueError("state is damaged: it is not what get_state() gave")
-
+        size = _LAYOUT.size + _SWITCHES.size * has_switches
+        content = unsealed(state, size)
         switches = _SWITCHES.unpack(content[_LAYOUT.size :]) if has_switches else ()
 
         return cls(*_LAYOUT.unpack(content[: _LAYOUT.size]), *switches)
+
+
+def sealed(content: bytes) -> bytes:
+    """The content with a checksum of four bytes behind it."""
+    return content + _CHECK.pack(crc32(content))
+
+
+def unsealed(state: bytes, size: int) -> bytes:
+    """The content of that many bytes that was `sealed`; a ``ValueError`` where a byte of it is lost
+    or changed.
+
+    Examples
+    --------
+    >>> unsealed(sealed(b"here"), 4)
+    b'here'
+    """
+    whole = size + _CHECK.size
+    if not isinstance(state, bytes) or len(state) != whole:
+        raise ValueError(f"state must be the {whole} bytes that get_state() gives")
+
+    content = state[:size]
+    if state[size:] != _CHECK.pack(crc32(content)):
+        raise ValueError("state is damaged: it is not what get_state() gave")
+
+    return content

@@ -1,22 +1,124 @@
-"""`straight_line_bound`: how short a path could be that is free of the grid's eight directions."""
+"""`straight_line_path`: the shortest path that is free of the grid's eight directions."""
 
+from dataclasses import dataclass
 from math import inf
-from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell, as_cell, checked_cell_size, checked_map, with_clearance
-from irs_gym.memory import check_memory
+from irs_gym.grid import (
+    Cell,
+    as_cell,
+    checked_cell_size,
+    checked_map,
+    checked_point,
+    with_clearance,
+)
+from irs_gym.memory import check_memory, freeze
 from irs_gym.oracle.shortest_path import shortest_path
+from irs_gym.oracle.sight import Sight, cells_around, in_cells
+from irs_gym.oracle.visibility_graph import corners_of, search
 
-_CELL_BYTES = 2000  # for each cell: a square, joined with the others
+_CELL_BYTES = 2000  # for each cell: the grid's graph, and the corners
 _SIGHT_BYTES = 100  # gone over for each pair of corners
-_GROWTH = 1e-7  # half cells
 
-# (n, 2), in half cells from the map's lower left corner, so that all are whole numbers
-Points = NDArray[np.int64]
+
+@dataclass(frozen=True, eq=False)
+class Polyline:
+    """A path of straight pieces.
+
+    Attributes
+    ----------
+    distance
+        Its length in metres.
+    points
+        float64, shape ``(k, 2)``: its points (x, y) in metres from start to goal; one where both
+        are the same.
+
+    Examples
+    --------
+    >>> Polyline(distance=5.0, points=np.array([[0.0, 0.0], [3.0, 4.0]])).points.tolist()
+    [[0.0, 0.0], [3.0, 4.0]]
+    """
+
+    distance: float
+    points: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        freeze(self.points)
+
+
+def straight_line_path(
+    feasible: NDArray[np.bool_],
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    cell_size: float,
+    *,
+    origin: tuple[float, float] = (0.0, 0.0),
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+) -> Polyline | None:
+    """Shortest path of any shape between two points, inside the feasible cells.
+
+    Cells are closed squares: the path may run along their borders, and pass between two that touch
+    at a corner only, as the paper's moves do. Such a path bends at corners of the infeasible area
+    only, so it is the shortest one in the visibility graph of those corners. From many points to
+    one goal: `irs_gym.euclidean_distance_to_go`.
+
+    Parameters
+    ----------
+    feasible
+        Shape ``(X, Y)``.
+    start, goal
+        Points (x, y) in metres.
+    cell_size
+        Edge of a cell in metres.
+    origin
+        The map's lower left corner (x, y) in metres.
+    corner_cutting
+        Whether the path may pass between two cells that touch at a corner only.
+    robot_radius
+        Keeps the robot to fewer cells, as in `irs_gym.oracle.shortest_path.shortest_path`.
+
+    Returns
+    -------
+    The path, or None where the goal cannot be reached, or an end is not feasible.
+
+    Raises
+    ------
+    ValueError
+        As `irs_gym.oracle.shortest_path.shortest_path`, where an end lies off the map, and where
+        the map has more corners than can be searched.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> feasible = np.ones((3, 3), dtype=bool)
+    >>> feasible[1, :2] = False  # a wall with a gap at its upper end
+    >>> path = straight_line_path(feasible, (0.25, 0.5), (1.25, 0.5), cell_size=0.5)
+    >>> path.points.tolist()
+    [[0.25, 0.5], [0.5, 1.0], [1.0, 1.0], [1.25, 0.5]]
+    >>> round(path.distance, 3)
+    1.618
+    """
+    feasible = checked_map(feasible, "feasible", "b", _CELL_BYTES)
+    cell_size = checked_cell_size(cell_size)
+    lower_left = np.array(checked_point(origin, "origin"))
+    ends = np.array([checked_point(start, "start"), checked_point(goal, "goal")])  # (2, 2)
+    points = in_cells(ends, cell_size, lower_left)
+    for name, end, point in zip(("start", "goal"), ends.tolist(), points, strict=True):
+        if np.any((point < 0) | (point > feasible.shape)):
+            raise ValueError(f"{name}={tuple(end)} lies off the map")
+
+    feasible = with_clearance(feasible, robot_radius, cell_size)
+    length, corners = _shortest(feasible, points, corner_cutting)
+    if length == inf:
+        return None
+
+    return Polyline(
+        length * cell_size,
+        without_repeats(np.concatenate([ends[:1], lower_left + corners * cell_size, ends[1:]])),
+    )
 
 
 def straight_line_bound(
@@ -33,8 +135,7 @@ def straight_line_bound(
 
     Cells are closed squares: the path may run along their borders, and pass between two that touch
     at a corner only, as the paper's moves do. It is never longer than the oracle's, and the
-    straight line where nothing is in the way. Such a path bends at corners of the infeasible area
-    only, so it is the shortest one in the visibility graph of those corners.
+    straight line where nothing is in the way. The path itself: `straight_line_path`.
 
     Parameters
     ----------
@@ -77,111 +178,69 @@ def straight_line_bound(
     if path is None:
         return inf
 
-    corners, slopes = _corners(feasible, corner_cutting)
+    bound, _ = _shortest(feasible, np.array([start, goal]) + 0.5, corner_cutting, path.distance)
+
+    return min(bound, path.distance) * cell_size  # equal lengths may be rounded differently
+
+
+def without_repeats(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points ``(n, 2)`` but for those that equal the one before."""
+    is_new = np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))
+
+    return np.asarray(points[is_new])
+
+
+def _shortest(
+    feasible: NDArray[np.bool_],
+    ends: NDArray[np.float64],
+    corner_cutting: bool,
+    longest: float | None = None,
+) -> tuple[float, NDArray[np.int64]]:
+    """Length in cells of the shortest path between two points ``(2, 2)``, inf where there is none,
+    and the corners that it bends at ``(n, 2)``.
+
+    ``longest`` is the length of a path; None: that over the grid is looked up.
+    """
+    if longest is None:
+        longest = _grid_length(feasible, ends, corner_cutting)
+    if longest == inf:
+        return inf, np.empty((0, 2), dtype=np.int64)
+
+    corners, slopes = corners_of(feasible, corner_cutting)
     check_memory(
         f"feasible: lines of sight between {len(corners)} corners",
         0,
         _SIGHT_BYTES * len(corners) ** 2,
     )
-    # Cell (i, j) is the square from (2i, 2j) to (2i + 2, 2j + 2) half cells: the ends are centres.
-    points = np.concatenate([2 * np.array([start, goal]) + 1, corners])
-    bound = (
-        _search(
-            points, np.append([0, 0], slopes), _area(feasible, corner_cutting), 2 * path.distance
-        )
-        / 2
+    points = np.concatenate([ends, corners])
+    reached, before = search(
+        Sight(feasible, corner_cutting), points, np.append([0, 0], slopes), 1, longest=longest
     )
 
-    return min(bound, path.distance) * cell_size  # equal lengths may be rounded differently
+    # read off backwards, from the goal
+    over = [int(before[1])]
+    while over[-1] > 0:
+        over.append(int(before[over[-1]]))
+
+    return float(reached[1]), corners[np.array(over[-2::-1], dtype=np.int64) - 2]
 
 
-def _corners(feasible: NDArray[np.bool_], corner_cutting: bool) -> tuple[Points, NDArray[np.int64]]:
-    """Points where a shortest path may bend, ``(n, 2)``, and the sign of the slopes dy/dx that it
-    may have there.
-
-    Of the four cells around such a point, the infeasible ones lie on one diagonal: one of them at a
-    reflex corner, two where feasible cells touch at a corner only. A taut path neither enters them
-    nor could be pulled straight, so its pieces run in the quadrants of the other diagonal, both on
-    their way in and out.
+def _grid_length(
+    feasible: NDArray[np.bool_], ends: NDArray[np.float64], corner_cutting: bool
+) -> float:
+    """Length in cells of a path between two points ``(2, 2)`` over centres of cells; inf where
+    there is none.
     """
-    south_west, south_east, north_west, north_east = _blocked_around(feasible)
-
-    # Infeasible cells on one diagonal alone: the path bends around them, along the other one.
-    rising = south_west | north_east
-    falling = south_east | north_west
-    slope = np.where(falling, 1, -1) * (rising != falling)
-    if not corner_cutting:  # no path passes where cells touch at a corner, so none bends there
-        slope[_touches(feasible)] = 0
-
-    return 2 * np.argwhere(slope), slope[slope != 0]
-
-
-def _blocked_around(feasible: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
-    """Whether each of the four cells around each corner (i, j) of cells is infeasible, as all are
-    outside of the map: south-west, south-east, north-west, north-east, ``(X + 1, Y + 1)`` each.
-    """
-    blocked = np.pad(~feasible, 1, constant_values=True)
-    return [blocked[:-1, :-1], blocked[1:, :-1], blocked[:-1, 1:], blocked[1:, 1:]]
-
-
-def _touches(feasible: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where two feasible cells touch at a corner only, ``(X + 1, Y + 1)``."""
-    south_west, south_east, north_west, north_east = _blocked_around(feasible)
-    is_rising = ~south_west & ~north_east & south_east & north_west
-    is_falling = south_west & north_east & ~south_east & ~north_west
-
-    return is_rising | is_falling
-
-
-def _area(feasible: NDArray[np.bool_], corner_cutting: bool) -> Any:
-    """The feasible cells as one polygon, grown by so little that it takes in its border and no new
-    line of sight.
-
-    A segment between whole points passes a whole point that it misses at 1/length or more, far
-    beyond this growth. Without corner cutting, points where cells touch at a corner only are cut
-    out, and twice the growth around them.
-    """
-    low = 2 * np.argwhere(feasible)
-    area = shapely.coverage_union_all(shapely.box(*low.T, *(low + 2).T)).buffer(
-        _GROWTH, join_style="mitre"
+    padded = np.pad(feasible, 1)
+    starts, goals = (
+        np.unique(around[padded[tuple(around.T + 1)]], axis=0) for around in cells_around(ends)
     )
-    if not corner_cutting:
-        touch = 2 * np.argwhere(_touches(feasible))  # (n, 2)
-        gaps = shapely.box(*(touch - 2 * _GROWTH).T, *(touch + 2 * _GROWTH).T)
-        area = shapely.difference(area, shapely.union_all(gaps))
+    lengths = [inf]
+    for start in starts.tolist():
+        for goal in goals.tolist():
+            path = shortest_path(feasible, start, goal, 1.0, corner_cutting=corner_cutting)
+            if path is not None:
+                outside = np.hypot(*(ends - np.array([start, goal]) - 0.5).T).sum()
+                lengths.append(path.distance + float(outside))
 
-    shapely.prepare(area)
-
-    return area
-
-
-def _search(points: Points, slopes: NDArray[np.int64], area: Any, longest: float) -> float:
-    """Length of the shortest way from the first point to the second along lines of sight, by the A*
-    algorithm.
-
-    Lines of sight are tested only where they may lie on a taut path no longer than ``longest``.
-    """
-    to_goal = np.hypot(*(points - points[1]).T)  # (n,): never longer than the way to go
-    reached = np.where(np.arange(len(points)) == 0, 0.0, inf)
-    is_open = np.ones(len(points), dtype=bool)
-
-    # the open point whose way from the start, and straight on to the goal, is the shortest
-    while (here := int(np.argmin(np.where(is_open, reached + to_goal, inf)))) != 1:
-        is_open[here] = False
-
-        # which points could be next
-        apart = points - points[here]  # (n, 2)
-        length = reached[here] + np.hypot(*apart.T)
-        slope = np.sign(apart[:, 0] * apart[:, 1])
-        is_taut = (slope * slopes >= 0) & (slope * slopes[here] >= 0)
-        is_short = (length < reached) & (length + to_goal <= longest * (1 + 1e-12))
-        ahead = np.flatnonzero(is_open & is_taut & is_short)
-
-        # and which of them can be seen from here
-        sights = shapely.linestrings(
-            np.stack([np.broadcast_to(points[here], (len(ahead), 2)), points[ahead]], axis=1)
-        )
-        ahead = ahead[shapely.contains_properly(area, sights)]
-        reached[ahead] = length[ahead]
-
-    return float(reached[1])
+    return min(lengths)

@@ -1,11 +1,13 @@
 """`text_frame`: one frame of an episode in plain characters."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.grid import Grid
 from irs_gym.rendering.layout import rows_from_top
-from irs_gym.rendering.view import Point, View, checked_cells
+from irs_gym.rendering.view import Point, View, nearest_cells
 
 
 def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
@@ -17,7 +19,10 @@ def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
     ValueError
         Where ``path`` is not of shape ``(T, 2)``, T >= 1, or leaves the grid.
     """
-    cells = checked_cells(view.grid, path, "path")
+    grid = view.grid
+    cells = nearest_cells(grid, view.checked_path(path, "path"))
+    oracle = nearest_cells(grid, _filled(np.reshape(view.oracle_cells, (-1, 2))))
+    ends = [nearest_cells(grid, np.array([each])) for each in (view.start, view.goal)]
 
     # The border leaves "+" in the corners.
     marks = np.full(np.add(view.grid.shape, 2), "+")  # (X + 2, Y + 2)
@@ -28,12 +33,12 @@ def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
     # Later marks lie over earlier ones.
     oracle_switches = () if view.oracle_switches is None else view.oracle_switches
     for mark, where in (
-        ("o", np.reshape(view.oracle_cells, (-1, 2)).astype(np.int64) + 1),
+        ("o", oracle.astype(np.int64) + 1),
         ("*", cells + 1),
         ("x", np.reshape(oracle_switches, (-1, 2)).astype(np.int64) + 1),
         ("X", np.reshape(switches, (-1, 2)).astype(np.int64) + 1),
-        ("S", np.add([view.start], 1)),
-        ("G", np.add([view.goal], 1)),
+        ("S", ends[0] + 1),
+        ("G", ends[1] + 1),
         ("A", _bordered_cells(view.grid, view.access_points)),
         ("I", _bordered_cells(view.grid, view.irs_panels)),
         ("R", cells[-1:] + 1),
@@ -57,6 +62,19 @@ def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
             *legend,
         ]
     )
+
+
+def _filled(path: NDArray[Any]) -> NDArray[Any]:
+    """A path ``(k, 2)`` of fractions of cells with points between, a quarter of a cell apart; one
+    of cells as it is.
+    """
+    if path.dtype.kind != "f" or len(path) < 2:
+        return path
+
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    at = np.arange(0.0, along[-1], 0.25)
+
+    return np.stack([np.interp(at, along, axis) for axis in path.T], axis=-1)
 
 
 def _bordered_cells(grid: Grid, points: tuple[Point, ...]) -> NDArray[np.int64]:

@@ -68,6 +68,13 @@ class Background:
         for cell in () if view.oracle_switches is None else view.oracle_switches:
             primitives.mark(image, primitives.CROSS, layout.cell_pixels(cell), em)
 
+        if view.goal_radius:
+            turn = np.linspace(0.0, 2 * np.pi, 65)
+            around = np.stack([np.cos(turn), np.sin(turn)], axis=-1) * view.goal_radius
+            rim = layout.cell_pixels(np.asarray(view.goal) + around)
+            primitives.stroke(image, rim, primitives.BLACK, 0.3 * em)
+            primitives.stroke(image, rim, primitives.WHITE, 0.14 * em)
+
         primitives.mark(image, primitives.DIAMOND, layout.cell_pixels(view.start), em)
         primitives.mark(image, primitives.SQUARE, layout.cell_pixels(view.goal), em)
 

@@ -1,11 +1,13 @@
 """`draw_frame`: one frame of an episode as a picture."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irs_gym.rendering import primitives
 from irs_gym.rendering.background import ROBOT, background_of, trace
-from irs_gym.rendering.view import View, checked_cells
+from irs_gym.rendering.view import View, nearest_cells
 
 
 def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray[np.uint8]:
@@ -31,7 +33,7 @@ def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray
     """
     from PIL import ImageDraw
 
-    cells = checked_cells(view.grid, path, "path")
+    cells = view.checked_path(path, "path")
     background = background_of(view)
     layout = background.layout
     frame = background.image.copy()
@@ -46,7 +48,8 @@ def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray
 
     primitives.mark(frame, primitives.DISC, corners[-1], layout.em, ROBOT)
 
-    margin_db = view.gain_db[tuple(cells[-1])] - view.target_db
+    here = tuple(nearest_cells(view.grid, cells[-1:])[0])
+    margin_db = view.gain_db[here] - view.target_db
     margin = f"margin {margin_db:+.2f} dB"
     ImageDraw.Draw(frame).text(
         background.margin_at, margin, primitives.BLACK, primitives.font(layout.em), anchor="ls"
@@ -55,7 +58,7 @@ def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray
     return np.array(frame)
 
 
-def _corners(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+def _corners(cells: NDArray[Any]) -> NDArray[Any]:
     """The ends of a path ``(T, 2)`` and the cells where it changes direction, repeated cells left
     out.
     """

@@ -105,6 +105,14 @@ class Layout:
         )
         return np.asarray((self.left, self.bottom) + share * self.map_size * (1, -1))
 
+    def points(self, pixels: ArrayLike) -> Floats:
+        """Points ``(..., 2)`` in metres of pixels: undoes `pixels`."""
+        share = (np.asarray(pixels) - (self.left, self.bottom)) / (
+            np.array(self.map_size) * (1, -1)
+        )
+        size = np.subtract(self.grid.upper, self.grid.origin)
+        return np.asarray(self.grid.origin + share * size)
+
     def cell_pixels(self, cells: ArrayLike) -> Floats:
         """Pixels ``(..., 2)`` of the centres of cells."""
         return self.pixels(

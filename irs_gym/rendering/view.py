@@ -29,7 +29,8 @@ class View:
         Points ``(x, y)`` in metres, none to many; a panel is drawn along the nearest wall, or
         along its own.
     start, goal
-        Cells ``(i, j)``.
+        Cells ``(i, j)``. These, and those of paths, may be fractions: points between the centres of
+        cells.
     oracle_cells
         Shape ``(D, 2)``: the cells of the shortest path, possibly none.
     size
@@ -45,6 +46,8 @@ class View:
         is switched.
     label
         More about the map, in words.
+    goal_radius
+        Of the goal in cells, where it is a disc; 0 for a cell.
 
     Raises
     ------
@@ -57,15 +60,16 @@ class View:
     grid: Grid
     access_points: tuple[Point, ...]
     irs_panels: tuple[Point, ...]
-    start: Cell
-    goal: Cell
-    oracle_cells: NDArray[np.integer[Any]]
+    start: Cell | Point
+    goal: Cell | Point
+    oracle_cells: NDArray[Any]
     size: int = 512
     free: NDArray[np.bool_] | None = None
     outlines: tuple[Floats, ...] = ()
     panel_angles: tuple[float | None, ...] = ()
     oracle_switches: NDArray[np.integer[Any]] | None = None
     label: str = ""
+    goal_radius: float = 0.0
 
     def __post_init__(self) -> None:
         if self.gain_db.shape != self.grid.shape:
@@ -91,7 +95,23 @@ class View:
             ("oracle_cells", self.oracle_cells),
         ):
             if len(cells):
-                checked_cells(self.grid, cells, name)
+                self.checked_path(cells, name)
+
+    @property
+    def has_fractions(self) -> bool:
+        """Whether places are fractions of cells, as the start is."""
+        return isinstance(self.start[0], float)
+
+    def checked_path(self, path: ArrayLike, name: str) -> NDArray[Any]:
+        """Places ``(T, 2)``: cells as `checked_cells`, or float64 fractions of them on the grid."""
+        if not self.has_fractions:
+            return checked_cells(self.grid, path, name)
+
+        array = np.asarray(path, dtype=np.float64)
+        is_path = array.ndim == 2 and array.shape[1:] == (2,)
+        checked_cells(self.grid, nearest_cells(self.grid, array) if is_path else array, name)
+
+        return array
 
     @cached_property
     def is_obstacle(self) -> NDArray[np.bool_]:
@@ -122,3 +142,14 @@ def checked_cells(grid: Grid, cells: ArrayLike, name: str) -> NDArray[np.int64]:
         )
 
     return array.astype(np.int64)
+
+
+def nearest_cells(grid: Grid, path: NDArray[Any]) -> NDArray[np.int64]:
+    """Cells ``(T, 2)`` that fractions of them lie in; on the outer border, the last one inside."""
+    if path.dtype.kind != "f":
+        return path
+
+    on_border = np.minimum(np.floor(path + 0.5), np.subtract(grid.shape, 1))
+    inside = (path >= -0.5) & (path <= np.subtract(grid.shape, 0.5))
+
+    return np.where(inside, on_border, -1).astype(np.int64)

@@ -1,6 +1,8 @@
 """`VectorEpisodes`: the episodes of n robots with autoreset, for all vector environments."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,19 @@ from irs_gym.vector.infos import BUDGET_VALUES, KEYS, InfoBuilder, Infos, Step, 
 from irs_gym.vector.protocols import EpisodeSampler, Outcome
 
 
+@dataclass(frozen=True)
+class EpisodeKind:
+    """What states and actions are: by default, numbers of cells and of moves."""
+
+    states: Any = np.int64  # type of a state
+    places: Any = np.int64  # type of what `TransitionModel.cells` gives
+    checked: Callable[[Any, int], NDArray[Any]] | None = None  # actions of so many robots
+    refuse: Callable[[Outcome, NDArray[np.int64]], None] | None = None
+    """Writes the outcome of steps that a budget refuses, of the robots of those numbers."""
+    keys: tuple[str, ...] = KEYS  # of the infos
+    is_timed: bool = False  # whether seconds and steps are told
+
+
 class VectorEpisodes:
     """What the methods of a vector environment do; see `IrsNavVectorEnv`."""
 
@@ -34,10 +49,12 @@ class VectorEpisodes:
         copy: bool,
         infos: Infos,
         actions: int = ACTIONS,
+        kind: EpisodeKind = EpisodeKind(),
     ) -> None:
         """Episodes that a sampler begins; see `IrsNavVectorEnv` for the other arguments.
 
-        Actions beyond the eight moves are switches of the panel.
+        Actions beyond the eight moves are switches of the panel. ``kind``: what states and actions
+        are, where they are no numbers of cells and moves.
         """
         n = num_envs
         self.num_envs = n
@@ -49,21 +66,23 @@ class VectorEpisodes:
         if self._rules.budget is not None:
             values = {**values, **BUDGET_VALUES}
 
-        keys = checked_keys(infos, [key for key in values if key not in KEYS])
+        keys = checked_keys(infos, [key for key in values if key not in kind.keys], kind.keys)
         self._infos = InfoBuilder(values, keys)
         # Whether a move was refused costs a comparison of all states: only where somebody asks.
         self._counts_refusals = not {"refused", "is_refused"}.isdisjoint(keys)
         self._counts_switches = not {"switches", "metres"}.isdisjoint(keys)
-        self._actions = actions
+        self._kind = kind
+        self._checked = kind.checked or partial(checked_actions, of=actions)
 
         # the episode of each robot
-        self._states = np.zeros(n, dtype=np.int64)
+        self._states = np.zeros(n, dtype=kind.states)
         self._distance = np.zeros(n)  # metres
         self._refused = np.zeros(n, dtype=np.int64)
         self._oracle_distance = np.zeros(n)  # metres
         self._has_violated = np.zeros(n, dtype=bool)
         self._switches = np.zeros(n, dtype=np.int64)
         self._metres = np.zeros(n)  # of the distance, the part that is no switch's
+        self._seconds = np.zeros(n)  # where moves take time
         # Where there are budgets: the total cost that it may come to, that of its start, and what
         # is left. The last is another array after every step.
         has_budget = self._rules.budget is not None
@@ -74,7 +93,7 @@ class VectorEpisodes:
         self._has_ended = self._nobody  # and has not begun anew
         self._num_ended = 0
         self._just_ended = self._nobody  # at the latest step
-        self._history = PathHistory(n, max_episode_steps, sampler.map_shape)
+        self._history = PathHistory(n, max_episode_steps, sampler.map_shape, kind.places)
 
         # Time, in steps of all robots. An episode's limit is kept as the time at which it ends, so
         # that no counter of each robot has to be raised at every step.
@@ -113,7 +132,7 @@ class VectorEpisodes:
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Move every robot once."""
         self._check_running()
-        checked = checked_actions(actions, self.num_envs, self._actions)
+        checked = self._checked(actions, self.num_envs)
         self._clock += 1
 
         # Next-step autoreset: robots whose episodes have ended begin anew in place of a move. (With
@@ -131,20 +150,7 @@ class VectorEpisodes:
         if self._rules.budget is not None:
             outcome = self._pay(outcome, resumed)
 
-        # Add to the episodes: where the robots are, what they travelled, what was refused.
-        self._states = outcome.states
-        self._distance += outcome.moved
-        is_refused = None
-        if self._counts_refusals:
-            is_refused = self._refusals(before, outcome, resumed)
-            self._refused += is_refused
-
-        if self._counts_switches:
-            is_switch = (checked >= ACTIONS) & (outcome.states != before)
-            if resumed is not None:
-                is_switch[resumed] = False
-            self._switches += is_switch
-            self._metres += np.where(is_switch, 0.0, outcome.moved)
+        is_refused = self._add_up(before, checked, outcome, resumed)
 
         # An episode that has ever gone below the target is none that succeeds.
         if self._sampler.is_violable and outcome.cost is not None:
@@ -184,21 +190,27 @@ class VectorEpisodes:
         Where an episode ended at the latest step, they are its cells, whether or not the robot has
         begun anew.
         """
-        has_begun_anew = self._just_ended & ~self._has_ended
+        has_begun_anew = self.has_begun_anew()
         return [
             self._history.path(i, of_last_episode=has_begun_anew[i]) for i in range(self.num_envs)
         ]
+
+    def has_begun_anew(self) -> NDArray[np.bool_]:
+        """Which robots have begun another episode at the step that ended one, ``(n,)``."""
+        return self._just_ended & ~self._has_ended
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which actions are not refused, bool ``(n, 8)``, or ``(n, 8 + K)``."""
         model = self._sampler.transition_model
         return model.action_mask(self._states, self._left).astype(bool)
 
-    def history(self, i: int) -> NDArray[np.int64]:
-        """What `TransitionModel.cells` gave for robot i since its episode began, ``(T,)``; nothing
-        before the first reset.
+    def history(self, i: int, *, of_last_episode: bool = False) -> NDArray[Any]:
+        """What `TransitionModel.cells` gave for robot i since its episode began, ``(T,)``, or in
+        the one before, if that ended at the latest step; nothing before the first reset.
         """
-        return self._history.flat(i) if self._is_reset else np.zeros(0, dtype=np.int64)
+        if not self._is_reset:
+            return np.zeros(0, dtype=self._kind.places)
+        return self._history.flat(i, of_last_episode=of_last_episode)
 
     def render(self, mode: str | None) -> tuple[Any, ...] | None:
         """A picture or text for each robot; None without a mode."""
@@ -224,16 +236,30 @@ class VectorEpisodes:
             start=start,
             goal=end,
             cell=cell,
-            distance=float(self._distance[i]),
-            budget=float(self._budget[i]),
-            budget_left=0.0 if self._left is None else float(self._left[i]),
             # steps that led nowhere, whether or not refusals are counted as they happen
             refused=self._history.steps(i) - (len(path) - 1),
-            has_violated=bool(self._has_violated[i]),
-            is_running=self._is_reset and not self._has_ended[i],
+            **self.totals(i),
         )
 
         return snapshot, path
+
+    def totals(self, i: int) -> dict[str, Any]:
+        """What the episode of robot i has come to, by fields of a `Snapshot`."""
+        return {
+            "distance": float(self._distance[i]),
+            "budget": float(self._budget[i]),
+            "budget_left": 0.0 if self._left is None else float(self._left[i]),
+            "has_violated": bool(self._has_violated[i]),
+            "is_running": self._is_reset and not self._has_ended[i],
+        }
+
+    def counts(self, i: int) -> dict[str, Any]:
+        """What the episode of robot i has taken, where moves take time."""
+        return {
+            "seconds": float(self._seconds[i]),
+            "steps": self._history.steps(i) if self._is_reset else 0,
+            "refused": int(self._refused[i]),
+        }
 
     # --- episodes ---------------------------------------------------------------------------------
 
@@ -258,6 +284,7 @@ class VectorEpisodes:
         self._has_violated[chosen] = False
         self._switches[chosen] = 0
         self._metres[chosen] = 0.0
+        self._seconds[chosen] = 0.0
         self._history.begin(chosen, transition_model.cells(begun), self._clock)
 
         # Not in place: `_just_ended`, which is of the step before, may be the same array.
@@ -276,6 +303,10 @@ class VectorEpisodes:
         assert self._left is not None
         unpaid = np.flatnonzero(~can_pay(self._left, outcome.cost))
         outcome.clear(unpaid, before[unpaid])
+        if self._kind.refuse is not None:
+            self._kind.refuse(outcome, unpaid)
+            return
+
         lost = refused_reward(self._rules, actions[unpaid], self._sampler.cell_size)
         outcome.reward[unpaid] = lost
 
@@ -303,6 +334,35 @@ class VectorEpisodes:
     def _has_failed(self) -> NDArray[np.bool_]:
         """Which episodes can be no success any more, ``(n,)``."""
         return self._has_violated if self._left is None else self._left < 0
+
+    def _add_up(
+        self,
+        before: NDArray[Any],
+        actions: NDArray[Any],
+        outcome: Outcome,
+        resumed: NDArray[np.int64] | None,
+    ) -> NDArray[np.bool_] | None:
+        """Add to the episodes where the robots are, what they travelled, what was refused; which
+        moves were, ``(n,)``, None where nobody asks.
+        """
+        self._states = outcome.states
+        self._distance += outcome.moved
+        is_refused = outcome.is_refused
+        if is_refused is None and self._counts_refusals:
+            is_refused = self._refusals(before, outcome, resumed)
+        if is_refused is not None:
+            self._refused += is_refused
+        if outcome.seconds is not None:
+            self._seconds += outcome.seconds
+
+        if self._counts_switches:
+            is_switch = (actions >= ACTIONS) & (outcome.states != before)
+            if resumed is not None:
+                is_switch[resumed] = False
+            self._switches += is_switch
+            self._metres += np.where(is_switch, 0.0, outcome.moved)
+
+        return is_refused
 
     def _refusals(
         self,
@@ -430,6 +490,10 @@ class VectorEpisodes:
             self._left,
             self._switches,
             self._metres,
+            self._seconds,
+            self.max_episode_steps - (self._deadline - self._clock)
+            if self._kind.is_timed
+            else None,
         )
 
     def _picture(self, i: int, mode: str) -> Any:

@@ -31,6 +31,9 @@ class Step(NamedTuple):
     # of the episode so far, where the panel is switched and somebody asks
     switches: NDArray[np.int64] | None = None
     metres: Floats | None = None
+    # of the episode so far, where time is counted beside metres
+    seconds: Floats | None = None
+    steps: NDArray[np.int64] | None = None
 
     def of(self, chosen: NDArray[np.int64]) -> "Step":
         """The same for some of the robots."""
@@ -124,6 +127,8 @@ SLOW = (
     "configuration",
     "switches",
     "metres",
+    "x",
+    "y",
 )
 
 Infos = Literal["all", "fast"] | Sequence[str]  # what a user may ask for
@@ -134,12 +139,14 @@ def budget_keys(rules: Rules) -> tuple[str, ...]:
     return () if rules.budget is None else tuple(BUDGET_VALUES)
 
 
-def checked_keys(infos: Infos, more: Sequence[str] = ()) -> tuple[str, ...]:
-    """Keys that a user asks for, in one order: of `KEYS` and those of the environment beside them.
+def checked_keys(
+    infos: Infos, more: Sequence[str] = (), own: Sequence[str] = KEYS
+) -> tuple[str, ...]:
+    """Keys that a user asks for, in one order: of ``own`` and those of the environment beside them.
 
     ``"fast"`` stands for all but the `SLOW`. Raises ``ValueError`` for what are no known keys.
     """
-    known = (*KEYS, *more)
+    known = (*own, *more)
     if isinstance(infos, str) and infos in ("all", "fast"):
         return tuple(key for key in known if infos == "all" or key not in SLOW)
 

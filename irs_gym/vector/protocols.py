@@ -25,6 +25,9 @@ class Outcome(NamedTuple):
     is_terminated: NDArray[np.bool_]
     cost: NDArray[np.float64] | None  # None where it is always 0
     is_at_goal: NDArray[np.bool_]
+    # where moves take time, and may be cut short
+    is_refused: NDArray[np.bool_] | None = None
+    seconds: NDArray[np.float64] | None = None
 
     def clear(self, chosen: NDArray[np.int64], states: States) -> None:
         """Undo the move of the chosen robots, which have just begun in the given states."""

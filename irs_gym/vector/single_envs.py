@@ -8,13 +8,9 @@ from typing import Any
 import gymnasium
 from gymnasium.vector import VectorEnv
 
-from irs_gym.grid import Cell
-from irs_gym.mdp.snapshot import Snapshot
-
 Make = Callable[[], gymnasium.Env[Any, Any]]
-Snapshots = Callable[
-    [int], tuple[Snapshot, list[Cell]]
-]  # of a robot: where it stands, and its path
+# of a robot: where it stands, and its path
+Snapshots = Callable[[int], tuple[Any, list[Any]]]
 
 
 class SingleEnvs:

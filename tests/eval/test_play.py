@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 import pytest
 from gymnasium.wrappers import HumanRendering
 
@@ -109,3 +110,32 @@ def test_missing_pygame_is_told_in_a_line():
     )
     assert done.returncode == 2
     assert done.stderr == "python -m eval play: the window needs pygame: pip install pygame-ce\n"
+
+
+def test_a_robot_that_goes_anywhere_follows_keys_and_mouse(pygame):
+    pictures = gymnasium.make(
+        "irs_gym:IrsNavContinuous-v0", render_mode="rgb_array", start=(8.0, 3.0)
+    )
+    env = HumanRendering(pictures)
+    robot = pictures.unwrapped
+    robot.reset()
+    picture = robot.render()
+    pixel = next(  # that shows a point half a step to the west of where the keys lead
+        (column, row)
+        for row in range(picture.shape[0])
+        for column in range(picture.shape[1])
+        if abs(robot.point_at((column, row)) - (8.25, 3.5)).max() < 0.03
+    )
+    press(pygame, pygame.K_RIGHT, pygame.K_UP)
+    pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONDOWN, pos=pixel, button=1))
+    press(pygame, pygame.K_ESCAPE)
+    play.play_by_keyboard(env, seed=0)
+    np.testing.assert_allclose(robot.path[:3], [(8.0, 3.0), (8.5, 3.0), (8.5, 3.5)])
+    np.testing.assert_allclose(robot.position, (8.25, 3.5), atol=0.03)
+    env.close()
+
+
+def test_command_plays_the_robot_that_goes_anywhere(pygame, capsys):
+    close(pygame)
+    assert play.main(continuous=True) == 0
+    assert "towards the pointer" in capsys.readouterr().out

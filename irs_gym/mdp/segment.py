@@ -214,7 +214,7 @@ def walk_many(
         cells = walkers.flat.astype(np.int64)
         beside = cells - walkers.aside.astype(np.int64)
         kind = np.maximum(kinds.take(cells), kinds.take(beside))
-        first = walkers.cross.min(axis=0)
+        first = np.minimum(walkers.rows[4], walkers.rows[5])
         is_open = kind == OPEN
         is_there = is_open & (first >= walkers.until)
 
@@ -354,7 +354,7 @@ class _Walkers(NamedTuple):
 
     def step_on(self, first: Floats) -> None:
         """Go into the next cells, over a border or two at once, which are crossed at ``first``."""
-        least = np.abs(self.delta).min(axis=0)
+        least = np.minimum(np.abs(self.rows[2]), np.abs(self.rows[3]))
         with np.errstate(invalid="ignore"):  # along an axis, there is none of the other to cross
             is_corner = (np.abs(self.cross[0] - self.cross[1]) * least <= _TOUCH) & (least > 0.0)
 

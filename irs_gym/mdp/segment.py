@@ -208,12 +208,17 @@ def walk_many(
     share = until.copy()
     blocked = np.full(count, -1)
     paid = np.zeros(count)
-    at = np.where(until == 1.0, end, start + until * delta)
+    are_whole = bool((until == 1.0).all())
+    at = end.copy() if are_whole else np.where(until == 1.0, end, start + until * delta)
+    are_along = bool(walkers.aside.any())  # some borders
 
     while True:
-        cells = walkers.flat.astype(np.int64)
-        beside = cells - walkers.aside.astype(np.int64)
-        kind = np.maximum(kinds.take(cells), kinds.take(beside))
+        beside = cells = walkers.flat.astype(np.int64)
+        kind = kinds.take(cells)
+        if are_along:
+            beside = cells - walkers.aside.astype(np.int64)
+            kind = np.maximum(kind, kinds.take(beside))
+
         first = np.minimum(walkers.rows[4], walkers.rows[5])
         is_open = kind == OPEN
         is_there = is_open & (first >= walkers.until)
@@ -231,9 +236,8 @@ def walk_many(
             paid[walkers.robot] += np.where(is_open, spent, 0.0)
 
         # whole segments end where they are asked to: on a border, or further from it than rounding
-        part = is_there & (walkers.until < 1.0)
-        if part.any():
-            there = walkers.of_some(np.flatnonzero(part))
+        if not are_whole:
+            there = walkers.of_some(np.flatnonzero(is_there & (walkers.until < 1.0)))
             at[:, there.robot] = there.within_cell(at[:, there.robot])
 
         going = np.flatnonzero(is_open & ~is_there)

@@ -267,13 +267,12 @@ class ContinuousModel:
     def observe(self, states: Records, out: Parts | None = None) -> Parts:  # noqa: D102
         packing = self.packing
         out = packing.empty(len(states)) if out is None else out
-        scenes, i, j = self._own_cells(states)
         if self._table is not None:
-            flat = i * self.maps.shape[1] + j
+            flat = self._unpadded.take(states["cell"])
             for table, part in zip(self._table, out, strict=True):
                 table.take(flat, axis=0, out=part, mode="clip")
         else:
-            self._observe_rows(scenes, i, j, out)
+            self._observe_rows(*self._own_cells(states), out)
 
         # as `irs_gym.mdp.packing.own_positions` and `vectors_to_goal` of cells
         position = out[-1][:, -4:]
@@ -384,6 +383,14 @@ class ContinuousModel:
             return None
 
         return tuple(frozen(np.ascontiguousarray(each)) for each in self.packing.split(table))
+
+    @cached_property
+    def _unpadded(self) -> Ints:
+        """The flat cell of each padded one of a map; 0 for those of the border."""
+        flat = np.zeros((self.maps.shape[0] + 2, self.maps.width), dtype=np.int64)
+        flat[1:-1, 1:-1] = np.arange(self.maps.gain_db[0].size).reshape(self.maps.shape)
+
+        return frozen(flat.ravel())
 
     @cached_property
     def _windows(self) -> NDArray[np.float32]:

@@ -230,7 +230,7 @@ def parse(algorithm: str, arguments: Sequence[str]) -> TrainConfig | GeneralistC
     """Settings from a command line; ends the program with a message where it is wrong."""
     default = defaults_of(algorithm)
     has_codebook = any(each.split("=")[0] == CODEBOOK_FLAG for each in arguments)
-    if has_codebook and isinstance(default, TrainConfig):
+    if has_codebook and isinstance(default.env, Task):
         default = with_codebook(default)
 
     return tyro.cli(

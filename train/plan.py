@@ -12,7 +12,7 @@ from agents.rollout.episode import SceneTask, arguments_of, evaluation_env, scen
 from agents.runs.manifest import AlgorithmName, Config
 from agents.runs.run_folder import COPIES, Run
 from irs_gym.files import read_file
-from irs_gym.mdp.task import checked_fields
+from irs_gym.mdp.task import Task, checked_fields
 from train.config import (
     GeneralistConfig,
     Scenes,
@@ -152,7 +152,7 @@ class Plan(_Table):
         where = f"settings.{name}"
         setting = self.settings[name]
         default = defaults_of(algorithm)
-        if "codebook" in setting.env and isinstance(default, TrainConfig):
+        if "codebook" in setting.env and isinstance(default.env, Task):
             default = with_codebook(default)
 
         try:

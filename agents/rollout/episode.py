@@ -95,10 +95,10 @@ def scene_task_of(arguments: Mapping[str, Any]) -> SceneTask:
     Raises ``TypeError`` for an unknown name, and ``ValueError`` for a value out of its range.
     """
     task: SceneTask
-    if "codebook" in arguments:
-        task = codebook_task_of(arguments)
-    elif "field" in arguments:
+    if "field" in arguments:
         task = continuous_task_of(arguments)
+    elif "codebook" in arguments:
+        task = codebook_task_of(arguments)
     else:
         return task_of(arguments)
 

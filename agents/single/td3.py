@@ -29,6 +29,9 @@ class Td3Config:
     not make most of what is learned from."""
     net_arch: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers of each network."""
+    signs: bool = False
+    """Whether networks are also told which numbers of an observation are at least 0: which cells
+    meet the target."""
     batch_size: int = 256
     """Transitions in a minibatch."""
     train_freq: int = 1

@@ -19,6 +19,10 @@ from irs_gym.mdp.packing import Packing
 ID = "irs_gym:IrsNav-v0"
 CODEBOOK_ID = "irs_gym:IrsNavCodebook-v0"
 CODEBOOK = "IrsNavCodebook-v0, K = 16"
+CONTINUOUS = "IrsNavContinuous-v0"
+CONTINUOUS_ID = f"irs_gym:{CONTINUOUS}"
+PENDULUM = "Pendulum-v1"
+SYNC_PENDULUM = "Pendulum-v1 in SyncVectorEnv"
 CYCLE = 401  # steps of a whole episode of IrsNav-v0 under random actions, the reset included
 BenchmarkEnvs = dict[str, tuple[str, Callable[[], Steps]]]
 """By name: the package that it needs, and how to prepare it."""
@@ -27,7 +31,9 @@ SINGLE: BenchmarkEnvs = {
     "IrsNav-v0": ("irs_gym", lambda: single(ID)),
     "IrsNav-v0, flat": ("irs_gym", lambda: single(ID, observation="flat")),
     CODEBOOK: ("irs_gym", lambda: single(CODEBOOK_ID, codebook=("cover", 16))),
+    CONTINUOUS: ("irs_gym", lambda: single(CONTINUOUS_ID)),
     "CartPole-v1": ("gymnasium", lambda: single("CartPole-v1")),
+    PENDULUM: ("gymnasium", lambda: single(PENDULUM)),
     "FrozenLake-v1": ("gymnasium", lambda: single("FrozenLake-v1")),
     "Minigrid Empty-16x16": ("minigrid", lambda: single("MiniGrid-Empty-16x16-v0")),
     "mobile-env small": ("mobile_env", lambda: single("mobile-small-central-v0")),
@@ -54,6 +60,19 @@ def vector(num_envs: int) -> BenchmarkEnvs:
         ),
         "IrsNav-v0, infos=[]": ("irs_gym", lambda: batch(ID, num_envs, infos=[])),
         CODEBOOK: ("irs_gym", lambda: batch(CODEBOOK_ID, num_envs, codebook=("cover", 16))),
+        CONTINUOUS: ("irs_gym", lambda: batch(CONTINUOUS_ID, num_envs)),
+        f"{CONTINUOUS}, flat": (
+            "irs_gym",
+            lambda: batch(CONTINUOUS_ID, num_envs, observation="flat"),
+        ),
+        f"{CONTINUOUS}, infos='all'": (
+            "irs_gym",
+            lambda: batch(CONTINUOUS_ID, num_envs, infos="all"),
+        ),
+        SYNC_PENDULUM: (
+            "gymnasium",
+            lambda: batch(PENDULUM, num_envs, vectorization_mode="sync"),
+        ),
         "bare np.take": ("irs_gym", lambda: bare_take(num_envs)),
         "CartPole-v1": (
             "gymnasium",
@@ -118,7 +137,7 @@ def batch(env_id: str, num_envs: int, **arguments: Any) -> Steps:
     """
     env: Any = gymnasium.make_vec(env_id, num_envs=num_envs, **arguments)
     env.reset(seed=0)
-    actions = cycle(_actions(env.single_action_space.n, num_envs))
+    actions = cycle(_sampled(env.single_action_space, num_envs))
 
     def steps(calls: int) -> int:
         for action in islice(actions, calls):
@@ -171,6 +190,17 @@ def envpool_batch(env_id: str, num_envs: int) -> Steps:
         return calls * num_envs
 
     return steps
+
+
+def _sampled(space: Any, num_envs: int) -> Any:
+    """Actions of a space, all equally likely."""
+    if isinstance(space, spaces.Discrete):
+        return _actions(int(space.n), num_envs)
+
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(space.low, space.high, (CYCLE, num_envs, *space.shape))
+
+    return actions.astype(space.dtype)
 
 
 def _actions(count: int, num_envs: int) -> Any:

@@ -14,7 +14,17 @@ from rich.console import Console
 
 from agents.runs import provenance
 from eval.benchmark import costs
-from eval.benchmark.benchmark_envs import CODEBOOK, ID, SINGLE, BenchmarkEnvs, prepare, vector
+from eval.benchmark.benchmark_envs import (
+    CODEBOOK,
+    CONTINUOUS,
+    ID,
+    PENDULUM,
+    SINGLE,
+    SYNC_PENDULUM,
+    BenchmarkEnvs,
+    prepare,
+    vector,
+)
 from eval.benchmark.costs import EventCost
 from eval.benchmark.page import speed_page, tables
 from eval.benchmark.timing import Rates, time_in_turns
@@ -35,7 +45,11 @@ RATIOS = (
     ("1,024 environments", CODEBOOK, "CartPole-v1", 1.2),
     ("1,024 environments", OURS, "bare np.take", 0.3),
     ("64 environments", OURS, "CartPole-v1", 2.5),
+    ("one environment", CONTINUOUS, PENDULUM, 1.0),
+    ("1,024 environments", CONTINUOUS, SYNC_PENDULUM, 20.0),
 )
+# race, ours, how many steps a second we say it makes
+LEAST_RATES = (("1,024 environments", CONTINUOUS, 1e6),)
 MOST_SECONDS = {
     "each frame after it": 0.010,
     "front of violations, 1,600 cells": 0.05,
@@ -157,6 +171,16 @@ def judge(rates: dict[str, Rates], found: list[EventCost]) -> list[Bar]:
             ratio = rates[title].ratio(ours, other)
             measured = f"{ratio.median:.3g} x ({ratio.low:.3g} to {ratio.high:.3g})"
             bars.append(Bar(what, needed, measured, ratio.median >= least))
+        else:
+            bars.append(Bar(what, needed, "not measured", None))
+
+    for title, ours, least in LEAST_RATES:
+        what = f"{title}: {ours}"
+        needed = f"at least {least:g} steps/s"
+        if ours in rates[title].by_name:
+            rate = rates[title].of(ours)
+            measured = f"{rate.median:.3g} ({rate.low:.3g} to {rate.high:.3g})"
+            bars.append(Bar(what, needed, measured, rate.median >= least))
         else:
             bars.append(Bar(what, needed, "not measured", None))
 

@@ -12,7 +12,12 @@ from typing import Any, Literal, TypedDict, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
+from irs_gym.datasets.scene_set import (
+    SceneSet,
+    build_scene_set,
+    read_scenes,
+    scene_set_of,
+)
 from irs_gym.datasets.splits import split_of
 from irs_gym.grid import Cell, cells_at
 from irs_gym.mdp.codebook_packing import CodebookObservation, CodebookPacking
@@ -194,7 +199,7 @@ class CodebookTask:
             raise ValueError(f"num_scenes={self.num_scenes!r} must be a number from 1 to {size}")
 
         if self.scenes is not None and not isinstance(self.scenes, str | Path | SceneSet):
-            object.__setattr__(self, "scenes", _read_scenes(self.scenes))
+            object.__setattr__(self, "scenes", read_scenes(self.scenes))
 
     def __deepcopy__(self, memo: Any) -> "CodebookTask":
         return self  # frozen, and so are its scenes
@@ -447,13 +452,3 @@ def _read_codebook(given: Any) -> Codebook | str | Path | tuple[CodebookKind, in
         )
 
     return kind, int(size)
-
-
-def _read_scenes(scenes: Any) -> tuple[Scene, ...]:
-    if not isinstance(scenes, Sequence) or not all(
-        isinstance(each, Scene | Mapping) for each in scenes
-    ):
-        raise ValueError(
-            f"scenes={scenes!r} must be a folder of scene files, a sequence of scenes, or a pool"
-        )
-    return tuple(each if isinstance(each, Scene) else Scene.from_data(each) for each in scenes)

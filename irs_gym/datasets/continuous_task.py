@@ -1,39 +1,24 @@
-"""`ContinuousTask`: what is asked of an environment whose robot goes anywhere on the floor, and
-`build_continuous_maps`: all that it fixes.
-"""
+"""`ContinuousTask`: what is asked of an environment whose robot goes anywhere on the floor."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 
-from irs_gym.datasets.random_task import RandomTask, Worlds, build_worlds
-from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.grid import Cell, Grid, checked_point
+from irs_gym.datasets.scene_set import SceneSet, read_scenes
+from irs_gym.datasets.splits import split_of
+from irs_gym.grid import checked_point
 from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget
-from irs_gym.mdp.continuous_ends import check_scene
-from irs_gym.mdp.continuous_maps import (
-    ContinuousMaps,
-    FieldKind,
-    Point,
-    check_reach,
-)
+from irs_gym.mdp.continuous_maps import FieldKind, Point
 from irs_gym.mdp.cost import CostKind
-from irs_gym.mdp.task import (
-    Constraint,
-    Task,
-    World,
-    build_world,
-    checked_fields,
-    resolved,
-)
+from irs_gym.mdp.task import Constraint, Rules, Task, checked_fields, is_integer
 from irs_gym.radio.irs import ArrayModel, Quantiser
 from irs_gym.radio.radio_map import RadioMap
-from irs_gym.radio.scene import Scene, load_scenes
+from irs_gym.radio.scene import Scene
 
 ContinuousObservation = Literal["dict", "flat"]
 
@@ -152,12 +137,12 @@ class ContinuousTask:
 
         if self.has_many_scenes:
             self._check_many()
-            many = self.many_scenes  # checks the fields that it shares with others
-            object.__setattr__(self, "scenes", many.scenes)
         else:
             one = self.one_scene()
             for name in ("scene", "radio_map"):
                 object.__setattr__(self, name, getattr(one, name))
+
+        _ = self.rules  # checks the fields that are the robot's
 
     @property
     def has_many_scenes(self) -> bool:
@@ -165,17 +150,15 @@ class ContinuousTask:
         return self.split is not None or self.scenes is not None
 
     @cached_property
-    def many_scenes(self) -> RandomTask:
-        """The task of `IrsNavRandom-v0` in the same scenes."""
-        where = (
-            {"scenes": self.scenes}
-            if self.scenes is not None
-            else {
-                "split": self.split,
-                "num_scenes": self.num_scenes,
-            }
-        )
-        return RandomTask(**where, **self._shared(RandomTask, {"split", "num_scenes", "scenes"}))
+    def rules(self) -> Rules:
+        """The part that is the robot's."""
+        # what is none of its arguments is as in `IrsNav-v0` by default
+        own: dict[str, Any] = {
+            each.name: getattr(self, each.name, getattr(Task, each.name, None))
+            for each in fields(Rules)
+        }
+        rules = Rules(**own)
+        return replace(rules, irs_phases=False) if self.has_many_scenes else rules
 
     def one_scene(self, **ends: Any) -> Task:
         """The task of `IrsNav-v0` in the same scene, between cells given as its ``start`` and
@@ -188,9 +171,10 @@ class ContinuousTask:
 
             ends = {"start": (0, 0), "goal": (0, 0)} | ends  # checked later, with the map at hand
 
-        return Task(**self._shared(Task, {"start", "goal"}), **ends)
+        return Task(**self.shared(Task, {"start", "goal"}), **ends)
 
-    def _shared(self, kind: Any, without: set[str]) -> dict[str, Any]:
+    def shared(self, kind: Any, without: set[str]) -> dict[str, Any]:
+        """The fields that another dataclass has as well, without some of them."""
         own = {each.name for each in fields(self)} & {each.name for each in fields(kind)}
         return {name: getattr(self, name) for name in own - without}
 
@@ -218,6 +202,13 @@ class ContinuousTask:
             raise ValueError(
                 f"{', '.join(given)} cannot be given along with {which}, whose scenes say it"
             )
+
+        size = split_of(self.split or "train").size
+        if not is_integer(self.num_scenes) or not 1 <= self.num_scenes <= size:
+            raise ValueError(f"num_scenes={self.num_scenes!r} must be a number from 1 to {size}")
+
+        if self.scenes is not None and not isinstance(self.scenes, str | Path | SceneSet):
+            object.__setattr__(self, "scenes", read_scenes(self.scenes))
 
     def __deepcopy__(self, memo: Any) -> "ContinuousTask":
         return self  # frozen, and so are its scenes
@@ -262,135 +253,6 @@ def continuous_task_of(
     unknown one.
     """
     return ContinuousTask(**checked_fields(ContinuousTask, arguments, owner))
-
-
-def build_continuous_maps(task: ContinuousTask) -> ContinuousMaps:
-    """Scenes and maps of a task; equal tasks share them.
-
-    Raises
-    ------
-    FileNotFoundError
-        Where a scene or map file does not exist.
-    ValueError
-        Where a scene, a map or an argument is at fault, a time step leads further than the robot
-        sees, start and goal cannot be joined (the message gives the highest feasible target), or
-        the goal's bonus is too small.
-    """
-    maps = _of_many(task) if task.has_many_scenes else _of_one(task)
-    check_reach(maps)
-
-    return maps
-
-
-def _of_one(task: ContinuousTask) -> ContinuousMaps:
-    arguments = resolved(task.one_scene()).arguments  # with its scene or map read
-    return _of_one_resolved(task, arguments)
-
-
-@lru_cache(maxsize=8)
-def _of_one_resolved(task: ContinuousTask, arguments: Task) -> ContinuousMaps:
-    if isinstance(arguments.radio_map, RadioMap):
-        grid = arguments.radio_map.grid
-    else:
-        assert isinstance(arguments.scene, Scene)
-        grid = arguments.scene.grid(task.cell_size)
-
-    given = {name: getattr(task, name) for name in ("start", "goal")}
-    ends = {name: _cell_of(grid, name, at) for name, at in given.items() if at is not None}
-    base = task.one_scene(**ends)
-    world = build_world(base)
-    maps = ContinuousMaps(
-        rules=base.rules,
-        field=task.field,
-        speed=task.speed,
-        time_step=task.time_step,
-        goal_radius=task.goal_radius,
-        names=(world.scene.name if world.scene else "radio_map",),
-        world=_OneWorld(world),
-        has_many_scenes=False,
-        target_db=np.array([world.target_db]),
-        gain_db=world.radio_map.gain_db[None],
-        free=world.radio_map.free[None],
-        feasible=world.feasible[None],
-        cost=None if world.cost is None else world.cost[None],
-        start=np.array([_within(grid, given["start"], world.start)]),
-        goal=np.array([_within(grid, given["goal"], world.goal)]),
-        irs=None,  # the world tells it
-        cell_size=float(grid.cell_size),
-        source=(build_continuous_maps, (task,)),
-    )
-    check_scene(maps, 0)
-
-    return maps
-
-
-@dataclass(frozen=True)
-class _OneWorld:
-    """The world of the only scene."""
-
-    only: World
-
-    def __call__(self, number: int) -> World:
-        return self.only
-
-
-def _of_many(task: ContinuousTask) -> ContinuousMaps:
-    scenes = task.scenes
-    if isinstance(scenes, str | Path):
-        scenes = load_scenes(scenes)
-        task = ContinuousTask(
-            **{each.name: getattr(task, each.name) for each in fields(task)} | {"scenes": scenes}
-        )
-
-    return _of_many_read(task)
-
-
-@lru_cache(maxsize=4)
-def _of_many_read(task: ContinuousTask) -> ContinuousMaps:
-    # What the checks of `IrsNavRandom-v0` say of budgets and bonuses is meant for its grid.
-    own = task.many_scenes
-    plain = {name: getattr(Task, name) for name in ("cost", "budget", "on_exhausted")}
-    pool = build_worlds(replace(own, constraint="allow", **plain)).pool
-    worlds = Worlds(own, pool)
-    if task.field == "exact" and len(pool.scenes) != len(pool):
-        raise ValueError("field='exact' needs scenes, and these are maps without them")
-
-    return ContinuousMaps(
-        rules=task.many_scenes.rules,
-        field=task.field,
-        speed=task.speed,
-        time_step=task.time_step,
-        goal_radius=task.goal_radius,
-        names=pool.names,
-        world=worlds.world,
-        has_many_scenes=True,
-        target_db=pool.target_db,
-        gain_db=pool.gain_db,
-        free=pool.free,
-        feasible=pool.feasible,
-        cost=None if worlds.task.budget is None else worlds.cost,
-        start=np.add(pool.start, 0.5),
-        goal=np.add(pool.goal, 0.5),
-        irs=pool.irs,
-        cell_size=pool.cell_size,
-        source=(build_continuous_maps, (task,)),
-    )
-
-
-def _within(grid: Grid, point: Point | None, cell: Cell) -> Point:
-    """A point in cells from the lower left corner: the given one, else the centre of the cell."""
-    if point is None:
-        return cell[0] + 0.5, cell[1] + 0.5
-
-    x, y = ((value - low) / grid.cell_size for value, low in zip(point, grid.origin, strict=True))
-    return x, y
-
-
-def _cell_of(grid: Grid, name: str, point: Point) -> Cell:
-    try:
-        return grid.cell_of(point)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
 
 
 def _checked_length(name: str, value: Any) -> float:

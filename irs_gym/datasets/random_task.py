@@ -10,7 +10,12 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
+from irs_gym.datasets.scene_set import (
+    SceneSet,
+    build_scene_set,
+    read_scenes,
+    scene_set_of,
+)
 from irs_gym.datasets.splits import split_of
 from irs_gym.datasets.start_fronts import StartFronts
 from irs_gym.grid import Grid
@@ -115,7 +120,7 @@ class RandomTask:
             )
 
         if not isinstance(self.scenes, str | Path | SceneSet):
-            object.__setattr__(self, "scenes", _read_scenes(self.scenes))
+            object.__setattr__(self, "scenes", read_scenes(self.scenes))
 
     @cached_property
     def rules(self) -> Rules:
@@ -152,16 +157,6 @@ def random_task_of(arguments: Mapping[str, Any], owner: str = "RandomTask") -> R
     unknown one.
     """
     return RandomTask(**checked_fields(RandomTask, arguments, owner))
-
-
-def _read_scenes(scenes: Any) -> tuple[Scene, ...]:
-    if not isinstance(scenes, Sequence) or not all(
-        isinstance(each, Scene | Mapping) for each in scenes
-    ):
-        raise ValueError(
-            f"scenes={scenes!r} must be a folder of scene files, a sequence of scenes, or a pool"
-        )
-    return tuple(each if isinstance(each, Scene) else Scene.from_data(each) for each in scenes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +258,7 @@ def _build_worlds(task: RandomTask) -> Worlds:
     elif task.scenes is None:
         pool = build_scene_set(task.split, task.num_scenes).for_robot(robot)
     else:
-        pool = scene_set_of(_read_scenes(task.scenes), robot=robot)
+        pool = scene_set_of(read_scenes(task.scenes), robot=robot)
 
     worlds = Worlds(task, pool)
     for number in _hardest(worlds):

@@ -1,6 +1,6 @@
 """`SceneSet`: many scenes with their radio maps and distances to go, in arrays of one shape."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -151,6 +151,17 @@ class SceneSet:
             raise ValueError(f"scenes are those of {self.robot}, not of {robot}")
 
         return _for_robot(self, robot)
+
+
+def read_scenes(scenes: Any) -> tuple[Scene, ...]:
+    """Scenes, or their data as dicts, as scenes; a ``ValueError`` where they are none."""
+    if not isinstance(scenes, Sequence) or not all(
+        isinstance(each, Scene | Mapping) for each in scenes
+    ):
+        raise ValueError(
+            f"scenes={scenes!r} must be a folder of scene files, a sequence of scenes, or a pool"
+        )
+    return tuple(each if isinstance(each, Scene) else Scene.from_data(each) for each in scenes)
 
 
 def scene_set_of(

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from irs_gym.datasets.continuous_task import (
     ContinuousTask,
     ContinuousTaskArguments,
-    build_continuous_maps,
     continuous_task_of,
 )
 from irs_gym.datasets.random_task import chosen_scene
@@ -26,6 +25,7 @@ from irs_gym.envs.continuous_nav import (
     first_ends,
     reset_options,
 )
+from irs_gym.envs.continuous_worlds import build_continuous_maps
 from irs_gym.grid import Cell
 from irs_gym.mdp.autoreset import AutoresetMode, checked_mode
 from irs_gym.mdp.checks import (

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
 from hashlib import blake2b
+from itertools import product
 from math import ceil
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 
 from irs_gym.grid import Grid
 from irs_gym.mdp.segment import BELOW, OBSTACLE, OPEN, padded, snapped
@@ -114,18 +114,29 @@ class ContinuousMaps:
         return frozen(_kinds(self.free, self.reachable))
 
     @cached_property
-    def clear(self) -> Bools:
-        """Padded cells from which no step meets anything, nor costs anything: so none has to be
-        looked at.
+    def clear(self) -> NDArray[np.uint8]:
+        """Of padded cells, the quarters into which no step meets anything, nor costs anything, so
+        that none has to be looked at: bits 0 to 3, see `quarter`.
         """
         is_clear = self.kinds == OPEN
         if self.rate is not None:
             is_clear = is_clear & (self.rate == 0.0)
 
-        side = 2 * ceil(self.reach) + 1
-        around: Bools = minimum_filter(is_clear, (1, side, side), mode="constant", cval=False)
+        reach = ceil(self.reach)
+        _, columns, rows = is_clear.shape
+        around = np.pad(is_clear, ((0, 0), (reach, reach), (reach, reach)))
+        clear = np.zeros(is_clear.shape, dtype=np.uint8)
 
-        return frozen(around)
+        for sign_x, sign_y in product((1, -1), (1, -1)):
+            is_quarter = is_clear.copy()
+            for di, dj in product(range(reach + 1), range(reach + 1)):
+                i = reach + sign_x * di
+                j = reach + sign_y * dj
+                is_quarter &= around[:, i : i + columns, j : j + rows]
+
+            clear |= is_quarter.astype(np.uint8) << np.uint8(quarter(sign_x, sign_y))
+
+        return frozen(clear)
 
     @cached_property
     def rank(self) -> Floats:
@@ -193,6 +204,11 @@ def _kinds(free: Bools, is_open: Bools) -> Kinds:
 def _point(values: Floats) -> Point:
     x, y = values.tolist()
     return snapped(x), snapped(y)
+
+
+def quarter(dx: Any, dy: Any) -> Any:
+    """Into which quarter a move leads: 1 for a negative dx, and 2 more for a negative dy."""
+    return (dx < 0) + 2 * (dy < 0)
 
 
 def check_reach(maps: ContinuousMaps) -> None:

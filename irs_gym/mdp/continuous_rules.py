@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.mdp.continuous_maps import ContinuousMaps, Point
+from irs_gym.mdp.continuous_maps import ContinuousMaps, Point, quarter
 from irs_gym.mdp.dynamics import reward
 from irs_gym.mdp.exact_field import exact_field
 from irs_gym.mdp.segment import BELOW, OPEN, Walk, snapped, walk
@@ -60,8 +60,12 @@ class CellJudge:
         self._gain = maps.gain_db[scene]
 
     def walk(self, start: Point, end: Point, until: float) -> Walk:  # noqa: D102
-        if until == 1.0 and self._clear[(floor(start[0]) + 1) * self._width + floor(start[1]) + 1]:
-            return Walk(1.0, end[0], end[1], -1, 0.0)
+        if until == 1.0:
+            x, y = start
+            clear = self._clear[(floor(x) + 1) * self._width + floor(y) + 1]
+            if clear >> quarter(end[0] - x, end[1] - y) & 1:
+                return Walk(1.0, end[0], end[1], -1, 0.0)
+
         return walk(self._kinds, self._rate, self._width, start, end, until)
 
     def rate(self, x: float, y: float) -> float:  # noqa: D102

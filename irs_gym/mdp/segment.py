@@ -208,13 +208,18 @@ def walk_many(
     share = until.copy()
     blocked = np.full(count, -1)
     paid = np.zeros(count)
-    at = np.where(until == 1.0, end, start + until * delta)
+    are_whole = bool((until == 1.0).all())
+    at = end.copy() if are_whole else np.where(until == 1.0, end, start + until * delta)
+    are_along = bool(walkers.aside.any())  # some borders
 
     while True:
-        cells = walkers.flat.astype(np.int64)
-        beside = cells - walkers.aside.astype(np.int64)
-        kind = np.maximum(kinds.take(cells), kinds.take(beside))
-        first = walkers.cross.min(axis=0)
+        beside = cells = walkers.flat.astype(np.int64)
+        kind = kinds.take(cells)
+        if are_along:
+            beside = cells - walkers.aside.astype(np.int64)
+            kind = np.maximum(kind, kinds.take(beside))
+
+        first = np.minimum(walkers.rows[4], walkers.rows[5])
         is_open = kind == OPEN
         is_there = is_open & (first >= walkers.until)
 
@@ -231,9 +236,8 @@ def walk_many(
             paid[walkers.robot] += np.where(is_open, spent, 0.0)
 
         # whole segments end where they are asked to: on a border, or further from it than rounding
-        part = is_there & (walkers.until < 1.0)
-        if part.any():
-            there = walkers.of_some(np.flatnonzero(part))
+        if not are_whole:
+            there = walkers.of_some(np.flatnonzero(is_there & (walkers.until < 1.0)))
             at[:, there.robot] = there.within_cell(at[:, there.robot])
 
         going = np.flatnonzero(is_open & ~is_there)
@@ -354,7 +358,7 @@ class _Walkers(NamedTuple):
 
     def step_on(self, first: Floats) -> None:
         """Go into the next cells, over a border or two at once, which are crossed at ``first``."""
-        least = np.abs(self.delta).min(axis=0)
+        least = np.minimum(np.abs(self.rows[2]), np.abs(self.rows[3]))
         with np.errstate(invalid="ignore"):  # along an axis, there is none of the other to cross
             is_corner = (np.abs(self.cross[0] - self.cross[1]) * least <= _TOUCH) & (least > 0.0)
 

@@ -10,7 +10,9 @@ from irs_gym.rendering.layout import rows_from_top
 from irs_gym.rendering.view import Point, View, nearest_cells
 
 
-def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
+def text_frame(
+    view: View, path: ArrayLike, switches: ArrayLike = (), gain_db: float | None = None
+) -> str:
     """The same as `draw_frame` in plain characters: one a cell within a border, under a line of
     numbers and over a legend.
 
@@ -45,7 +47,7 @@ def text_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> str:
     ):
         marks[where[:, 0], where[:, 1]] = mark
 
-    gain_db = view.gain_db[tuple(cells[-1])]
+    gain_db = view.gain_db[tuple(cells[-1])] if gain_db is None else gain_db
     margin_db = gain_db - view.target_db
 
     label = f"{view.label}   " if view.label else ""

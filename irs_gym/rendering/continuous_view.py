@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from irs_gym.mdp.continuous_ends import ContinuousEnds, oracle_points
 from irs_gym.mdp.continuous_maps import ContinuousMaps
+from irs_gym.mdp.continuous_rules import judge_of
 from irs_gym.rendering.background import background_of
 from irs_gym.rendering.episode_view import RENDERERS, drawn_of
 from irs_gym.rendering.view import View
@@ -17,7 +18,8 @@ def continuous_picture(
     mode: str, maps: ContinuousMaps, ends: ContinuousEnds, path: NDArray[np.float64]
 ) -> Any:
     """What a render mode makes of the points ``(T, 2)`` of an episode, in cells."""
-    return RENDERERS[mode](_view_of(maps, ends), path - 0.5)
+    gain_db = judge_of(maps, ends.scene).gain_db(*path[-1].tolist())
+    return RENDERERS[mode](_view_of(maps, ends), path - 0.5, gain_db=gain_db)
 
 
 def point_at(

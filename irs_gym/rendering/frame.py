@@ -10,7 +10,9 @@ from irs_gym.rendering.background import ROBOT, background_of, trace
 from irs_gym.rendering.view import View, nearest_cells
 
 
-def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray[np.uint8]:
+def draw_frame(
+    view: View, path: ArrayLike, switches: ArrayLike = (), gain_db: float | None = None
+) -> NDArray[np.uint8]:
     """One frame: the view's background, the robot with its path, and its margin over the target.
 
     Parameters
@@ -21,6 +23,8 @@ def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray
         Shape ``(T, 2)``, T >= 1: the cells visited so far. The robot is on the last one.
     switches
         Shape ``(n, 2)``: the cells where it has switched the panel.
+    gain_db
+        The gain where the robot is; by default, that of its cell.
 
     Returns
     -------
@@ -49,7 +53,7 @@ def draw_frame(view: View, path: ArrayLike, switches: ArrayLike = ()) -> NDArray
     primitives.mark(frame, primitives.DISC, corners[-1], layout.em, ROBOT)
 
     here = tuple(nearest_cells(view.grid, cells[-1:])[0])
-    margin_db = view.gain_db[here] - view.target_db
+    margin_db = (view.gain_db[here] if gain_db is None else gain_db) - view.target_db
     margin = f"margin {margin_db:+.2f} dB"
     ImageDraw.Draw(frame).text(
         background.margin_at, margin, primitives.BLACK, primitives.font(layout.em), anchor="ls"

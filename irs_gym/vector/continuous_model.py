@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from irs_gym.mdp.budget import payable
 from irs_gym.mdp.continuous_ends import ContinuousEnds, oracle_distances
-from irs_gym.mdp.continuous_maps import ContinuousMaps
-from irs_gym.mdp.continuous_rules import NEVER, is_plain, step_reward
+from irs_gym.mdp.continuous_maps import ContinuousMaps, quarter
+from irs_gym.mdp.continuous_rules import NEVER, cell_judge, is_plain, step_reward
 from irs_gym.mdp.exact_field import ExactField, exact_field
 from irs_gym.mdp.observation import build_observer
 from irs_gym.mdp.packing import Packing, Parts, scaled_margin
@@ -26,11 +26,19 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Records = NDArray[Any]
 
-# A state: where a robot is and where it wants to go, in cells, in which scene, and whether the goal
-# is seen from all of its disc.
+# A state: where a robot is and where it wants to go, in cells, in which scene, the padded cell that
+# counts as its own, counted through all maps, and whether the goal is seen from all of its disc.
 STATE = np.dtype(
-    [("at", "f8", 2), ("goal", "f8", 2), ("scene", "i8"), ("is_plain", "?")], align=True
+    [
+        ("at", "f8", 2),
+        ("goal", "f8", 2),
+        ("scene", "i8"),
+        ("cell", "i8"),
+        ("is_plain", "?"),
+    ],
+    align=True,
 )
+_ROUNDING = 1e-6  # cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +55,9 @@ class ContinuousModel:
     def state(self, ends: ContinuousEnds) -> Any:
         """State in which an episode begins, as a record ``()``."""
         plain = is_plain(self.maps, ends.scene, ends.goal)
-        return np.array((ends.start, ends.goal, ends.scene, plain), dtype=STATE)
+        base = ends.scene * self.maps.padded_size
+        cell = base + cell_judge(self.maps, ends.scene).cell(*ends.start)
+        return np.array((ends.start, ends.goal, ends.scene, cell, plain), dtype=STATE)
 
     # --- rules ------------------------------------------------------------------------------------
 
@@ -56,39 +66,43 @@ class ContinuousModel:
         maps = self.maps
         start = np.ascontiguousarray(states["at"].T)  # (2, n)
         goal = np.ascontiguousarray(states["goal"].T)
-        plain = states["is_plain"]
         bases = self._bases(states)
-
         target = snapped_many(start + actions * maps.reach)
         delta = target - start
-        is_still = (delta == 0.0).all(axis=0)
+        was = start - goal
+        before = was[0] * was[0] + was[1] * was[1]  # squared, (n,)
 
-        # where the disc of the goal is entered, if the centre can be seen from there
-        until = entrances(start - goal, delta, maps.radius)
-        asked = np.flatnonzero((until <= 1.0) & ~plain)
-        if asked.size:
-            entered = start[:, asked] + until[asked] * delta[:, asked]
-            seen = self._sees(bases[asked], entered, goal[:, asked])
-            until[asked[~seen]] = NEVER
+        # who may come to the goal at all, and where it is entered, if its centre can be seen there
+        near = np.flatnonzero(before <= (maps.radius + maps.reach + _ROUNDING) ** 2)
+        until = np.ones(len(states))
+        entered = np.full(len(near), NEVER)
+        if near.size:
+            entered = entrances(was[:, near], delta[:, near], maps.radius)
+            at = start[:, near] + entered * delta[:, near]
+            is_seen = self._sees_goal(states[near], at, entered <= 1.0)
+            entered = np.where(is_seen, entered, NEVER)
+            until[near] = np.minimum(entered, 1.0)
 
-        share, at, blocked, paid = self._walk(bases, start, target, np.minimum(until, 1.0))
+        share, at, blocked, paid = self._walk(states["cell"], bases, start, target, until)
+        is_still = (delta[0] == 0.0) & (delta[1] == 0.0)
         if is_still.any():
             share[is_still] = 1.0
             at[:, is_still] = start[:, is_still]
             blocked[is_still] = -1
-            until[is_still] = NEVER
             paid[is_still] = 0.0
+            entered[is_still[near]] = 1.5  # who stays does not arrive
 
+        # who has entered the goal, or has come where its centre is seen
         is_refused = blocked >= 0
-        is_at_goal = (until <= 1.0) & ~is_refused
         off = at - goal
         away = off[0] * off[0] + off[1] * off[1]  # squared
-        asked = np.flatnonzero((until == NEVER) & ~is_still & (away <= maps.radius * maps.radius))
-        if asked.size:  # or where they have come to
-            seen = self._sees(bases[asked], at[:, asked], goal[:, asked])
-            is_at_goal[asked] = plain[asked] | seen
+        is_at_goal = np.zeros(len(states), dtype=bool)
+        if near.size:
+            is_inside = (entered == NEVER) & (away[near] <= maps.radius * maps.radius)
+            is_inside = self._sees_goal(states[near], at[:, near], is_inside)
+            is_at_goal[near] = ((entered <= 1.0) & ~is_refused[near]) | is_inside
 
-        used = np.where(is_at_goal, share, 1.0)
+        used = np.where(is_at_goal, share, 1.0) if near.size else np.ones(len(states))
         cost = None
         is_violation = None
         if self._rate is not None:
@@ -103,14 +117,13 @@ class ContinuousModel:
             cost = is_violation.astype(np.float64)
 
         step = at - start
-        was = start - goal
-        before = np.sqrt(was[0] * was[0] + was[1] * was[1])
         next_states = states.copy()
         next_states["at"] = at.T
+        next_states["cell"] = self._flat_cells(at, bases)
 
         return Outcome(
             states=next_states,
-            reward=step_reward(maps, used, before, np.sqrt(away), is_at_goal),
+            reward=step_reward(maps, used, np.sqrt(before), np.sqrt(away), is_at_goal),
             moved=np.sqrt(step[0] * step[0] + step[1] * step[1]) * maps.cell_size,
             is_terminated=is_at_goal if is_violation is None else is_at_goal | is_violation,
             cost=cost,
@@ -129,7 +142,17 @@ class ContinuousModel:
         outcome.is_refused[chosen] = True
         outcome.seconds[chosen] = self.maps.time_step
 
-    def _walk(self, bases: Ints, start: Floats, end: Floats, until: Floats) -> Walks:
+    def _sees_goal(self, states: Records, at: Floats, is_asked: Bools) -> Bools:
+        """Of the robots that ask, which ones see the goal's centre from points ``(2, n)``."""
+        is_seen: Bools = is_asked & states["is_plain"]
+        asked = np.flatnonzero(is_asked & ~states["is_plain"])
+        if asked.size:
+            goal = np.ascontiguousarray(states["goal"][asked].T)
+            is_seen[asked] = self._sees(self._bases(states[asked]), at[:, asked], goal)
+
+        return is_seen
+
+    def _walk(self, cells: Ints, bases: Ints, start: Floats, end: Floats, until: Floats) -> Walks:
         """How far robots come from start to end, ``(2, n)``, or to a share of that, ``(n,)``."""
         if self.maps.field == "exact":
             parts = [
@@ -143,10 +166,8 @@ class ContinuousModel:
 
             return walks
 
-        whole = np.floor(start).astype(np.int64)
-        cells = bases + (whole[0] + 1) * self.maps.width + whole[1] + 1
-        is_clear = self._clear.take(cells) & (until == 1.0)
-        near = np.flatnonzero(~is_clear)
+        is_clear = (self._clear.take(cells) >> quarter(*(end - start)) & 1).astype(bool)
+        near = np.flatnonzero(~(is_clear & (until == 1.0)))
         walks = Walks(until, end, np.full(len(until), -1), np.zeros(len(until)))
         if near.size:
             some = walk_many(
@@ -236,8 +257,7 @@ class ContinuousModel:
 
     def _own_cells(self, states: Records) -> tuple[Ints, Ints, Ints]:
         """Scenes and cells i, j of the robots."""
-        at = np.ascontiguousarray(states["at"].T)
-        flat = self._flat_cells(at, self._bases(states)) - self._bases(states)
+        flat = states["cell"] - self._bases(states)
         i, j = np.divmod(flat, self.maps.width)
 
         return states["scene"], i - 1, j - 1
@@ -247,13 +267,12 @@ class ContinuousModel:
     def observe(self, states: Records, out: Parts | None = None) -> Parts:  # noqa: D102
         packing = self.packing
         out = packing.empty(len(states)) if out is None else out
-        scenes, i, j = self._own_cells(states)
         if self._table is not None:
-            flat = i * self.maps.shape[1] + j
+            flat = self._unpadded.take(states["cell"])
             for table, part in zip(self._table, out, strict=True):
                 table.take(flat, axis=0, out=part, mode="clip")
         else:
-            self._observe_rows(scenes, i, j, out)
+            self._observe_rows(*self._own_cells(states), out)
 
         # as `irs_gym.mdp.packing.own_positions` and `vectors_to_goal` of cells
         position = out[-1][:, -4:]
@@ -334,7 +353,7 @@ class ContinuousModel:
         return self.maps.kinds.ravel()
 
     @cached_property
-    def _clear(self) -> Bools:
+    def _clear(self) -> NDArray[np.uint8]:
         return self.maps.clear.ravel()
 
     @cached_property
@@ -364,6 +383,14 @@ class ContinuousModel:
             return None
 
         return tuple(frozen(np.ascontiguousarray(each)) for each in self.packing.split(table))
+
+    @cached_property
+    def _unpadded(self) -> Ints:
+        """The flat cell of each padded one of a map; 0 for those of the border."""
+        flat = np.zeros((self.maps.shape[0] + 2, self.maps.width), dtype=np.int64)
+        flat[1:-1, 1:-1] = np.arange(self.maps.gain_db[0].size).reshape(self.maps.shape)
+
+        return frozen(flat.ravel())
 
     @cached_property
     def _windows(self) -> NDArray[np.float32]:

@@ -172,8 +172,9 @@ def test_unknown_algorithm_in_a_sweep_is_answered_by_all_that_there_are(tmp_path
         Plan.load(sweep)
 
 
-def test_pretrained_models_are_kept_of_all_but_tables_and_mixtures():
-    assert set(get_args(Kept)) == set(ALGORITHMS) - {"q_learning", "ppo_lagrangian"}
+def test_pretrained_models_are_kept_of_all_but_tables_mixtures_and_headings():
+    others = {"q_learning", "ppo_lagrangian", *drivers()}
+    assert set(get_args(Kept)) == set(ALGORITHMS) - others
 
 
 @pytest.fixture

@@ -115,3 +115,10 @@ def test_copies_of_observations_are_asked_for():
     for _ in range(50):
         actions = rng.uniform(-1, 1, (4, 2))
         assert_same(kept.step(actions), fresh.step(actions))
+
+
+@pytest.mark.parametrize("constraint", ["terminate", "budget"])
+def test_of_the_exact_field_many_are_as_single_ones(constraint):
+    kwargs = {**OFTEN, **CONSTRAINTS[constraint], "random_start": 0.5, "field": "exact"}
+    ours, single = both(ID, 2, AutoresetMode.SAME_STEP, **kwargs)
+    assert_equal_for(12, ours, single)

@@ -18,12 +18,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from agents.networks.map_network import FILE_BYTES
 from agents.policies.model_file import read_network
-from agents.registry import ALGORITHMS, config_class, learner_class, named, observation_of
+from agents.registry import ALGORITHMS, config_class, learner_class, observation_of
 from agents.rollout.episode import SceneTask, evaluation_env
 from agents.runs.manifest import Config
 from agents.single.config import Sb3Config
 from agents.single.mixture import Mixture
-from agents.single.model import first_layer, policy_kwargs, policy_name
+from agents.single.model import first_layer, policy_class, policy_kwargs
 from irs_gym.datasets.splits import split_of
 from irs_gym.files import read_arrays
 from irs_gym.grid import MOVES
@@ -190,10 +190,8 @@ def _rebuild(
     ):  # before networks are made that fill memory
         raise WeightsError("it does not fit its configuration, whose networks are larger")
 
-    row = ALGORITHMS[config.algorithm]
-    make = named(row.mixes or row.learner).policy_aliases[policy_name(agent, space)]
-    noise = {"use_sde": True} if getattr(agent, "use_sde", False) else {}
-    policy = make(space, actions, lambda _: 0.0, **policy_kwargs(agent), **noise)
+    make = policy_class(agent, space)
+    policy = make(space, actions, lambda _: 0.0, **policy_kwargs(agent))
     wanted = {
         name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)
     }

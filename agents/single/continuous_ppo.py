@@ -13,7 +13,8 @@ class ContinuousPpoConfig(PpoConfig):
     """Settings of Stable-Baselines3's PPO where actions are two numbers, drawn about their mean."""
 
     algorithm: ClassVar[str] = "continuous_ppo"
-    policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init", "squash_output")
+    policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init")
+    policy: ClassVar[str] = "agents.networks.bounded_policy:BoundedPolicy"
     env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
     total_timesteps: int = 1_600_000
@@ -27,24 +28,17 @@ class ContinuousPpoConfig(PpoConfig):
     """Widths of the hidden layers of each network."""
     batch_size: int = 2048
     """Transitions in a minibatch; must divide n_envs x n_steps."""
-    ent_coef: float = 0.0
-    """Weight of the entropy bonus: none, so that headings spread ever less."""
-    use_sde: bool = True
-    """Whether the noise of actions is a function of what is seen (gSDE), so that a robot drifts one
-    way for a while."""
-    sde_sample_freq: int = 8
-    """Steps between two draws of that function."""
-    log_std_init: float = -2.0
-    """Logarithm of the standard deviation of the noise at the start, for each feature with gSDE; it
-    is learned."""
-    squash_output: bool = True
-    """Whether actions are squashed by tanh: a mean far beyond the bounds would be clipped, and not
-    come back. Needs gSDE."""
+    ent_coef: float = 0.05
+    """Weight of the entropy bonus at the start; it falls linearly, so that headings spread ever
+    less."""
+    final_ent_coef: float = 0.0
+    """Weight of the entropy bonus at the end of the schedule."""
+    log_std_init: float = -0.5
+    """Logarithm of the standard deviation of actions at the start; it is learned."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "whole", "max_episode_steps", "sde_sample_freq")
-        if self.squash_output and not self.use_sde:
-            raise ValueError("squash_output=True needs use_sde=True")
+        check_settings(self, "weight", "final_ent_coef")
+        check_settings(self, "whole", "max_episode_steps")
         if not isfinite(self.log_std_init):
             raise ValueError(f"log_std_init={self.log_std_init} must be a finite number")

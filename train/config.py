@@ -93,7 +93,7 @@ class TrainConfig(RunConfig):
                 f"{self.agent.algorithm} learns in {needed}, not in {env_id_of(self.env)}"
             )
         if isinstance(self.agent, PpoLagrangianConfig):
-            check_bound(self.env.rules)  # type: ignore[union-attr]  # it moves over a grid
+            check_bound(self.env.rules)
         if (
             isinstance(self.agent, DqnConfig)
             and self.agent.n_steps > 1

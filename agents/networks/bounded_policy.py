@@ -13,4 +13,4 @@ class BoundedPolicy(ActorCriticPolicy):
 
     def _build(self, lr_schedule: Any) -> None:
         super()._build(lr_schedule)
-        self.action_net = nn.Sequential(self.action_net, nn.Tanh())  # type: ignore[assignment]
+        self.action_net = nn.Sequential(self.action_net, nn.Tanh())

@@ -21,7 +21,7 @@ from irs_gym.workbench.handle import (
 SNAP = CELL_SIZE / 2  # metres: parts move by whole multiples of it
 _REACH = 0.025  # of the room's longer side: how far from a mark a hand still takes it
 
-Place = Literal["scene", "part", "target_db", "irs_elements", "phase_bits"]
+Place = Literal["part", "target_db", "irs_elements", "phase_bits"]
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,13 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Grip:
-    """A hand that has taken a part: the scene as it was then, and where the hand was."""
+    """A hand that has taken a part: the scene as it was then, where the hand was, and how far it
+    has gone since, in metres.
+    """
 
     scene: Scene
     at: Point
+    by: Point = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,6 +52,8 @@ class Bench:
     ----------
     scene
         The scene, panels and all.
+    opened
+        The scene as it was opened.
     is_irs_on
         Whether its panels are there: False is 0 elements, the paper's "without IRS".
     drawing
@@ -73,6 +78,7 @@ class Bench:
     """
 
     scene: Scene
+    opened: Scene
     is_irs_on: bool = True
     drawing: Drawing
     held: Handle | None = None
@@ -83,12 +89,16 @@ class Bench:
     @classmethod
     def of(cls, scene: Scene) -> "Bench":
         """A bench with a scene on it; a ``ValueError`` says why it cannot be drawn."""
-        return cls(scene=scene, drawing=draw(scene))
+        return cls(scene=scene, opened=scene, drawing=draw(scene))
 
     @property
     def shown_scene(self) -> Scene:
         """The scene as it is drawn and saved: without panels where they have no elements."""
         return self.drawing.scene
+
+    def why(self, place: Place) -> str:
+        """Why the last act at a field of the page was refused; empty where it was not."""
+        return self.refusal.why if self.refusal and self.refusal.place == place else ""
 
     # --- by hand ----------------------------------------------------------------------------------
 
@@ -107,11 +117,14 @@ class Bench:
             return self
 
         held = self.held
-        before = self.grip.scene
-        by = _snapped(to[0] - self.grip.at[0]), _snapped(to[1] - self.grip.at[1])
-        bench = self._tried("part", lambda: moved(before, held, by))
+        grip = self.grip
+        by = _snapped(to[0] - grip.at[0]), _snapped(to[1] - grip.at[1])
+        if by == grip.by:
+            return self
 
-        return replace(bench, refused_by=by if bench.refusal else None)
+        bench = self._tried("part", lambda: moved(grip.scene, held, by))
+
+        return replace(bench, grip=replace(grip, by=by), refused_by=by if bench.refusal else None)
 
     def dropped(self) -> "Bench":
         """The hand lets go: a part that cannot be where it was pulled stays where it last could.

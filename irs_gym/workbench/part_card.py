@@ -29,9 +29,9 @@ class PartCard:
         self._is_told = False  # of values, so that fields have nothing to tell
         self._name = pn.pane.HTML(_HINT, width=CARD - 20, margin=(0, 10))
         self._fields = [pn.widgets.FloatInput(width=86, step=SNAP) for _ in range(_FIELDS)]
-        self._twice = pn.widgets.Button(name="Duplicate", width=90)
+        self._twice = pn.widgets.Button(label="Duplicate", width=90)
         self._twice.on_click(lambda _: put(bench().duplicated()))
-        self._less = pn.widgets.Button(name="Remove", width=90)
+        self._less = pn.widgets.Button(label="Remove", width=90)
         self._less.on_click(lambda _: put(bench().removed()))
         self._refusal = refusal()
 
@@ -63,7 +63,7 @@ class PartCard:
         self._is_told = True
         for n, field in enumerate(self._fields):
             label, value = numbers[n] if n < len(numbers) else ("", None)
-            set_new(field, name=f"{label} (m)", value=value, visible=value is not None)
+            set_new(field, label=f"{label} (m)", value=value, visible=value is not None)
         set_new(self._name, object=f"<code>{held}</code>" if held else _HINT)
         set_new(self._twice, visible=is_listed)
         set_new(self._less, visible=is_listed)

@@ -25,11 +25,11 @@ class RadioCard:
         self._is_told = False  # of values, so that sliders have nothing to tell
         width = CARD - 40
         self._target = pn.widgets.EditableFloatSlider(
-            name="Target (dB)", start=-90.0, end=-40.0, step=0.1, width=width
+            label="Target (dB)", start=-90.0, end=-40.0, step=0.1, width=width
         )
-        self._elements = pn.widgets.IntSlider(name="Elements on each panel", end=1, width=width)
+        self._elements = pn.widgets.IntSlider(label="Elements on each panel", end=1, width=width)
         self._bits = pn.widgets.DiscreteSlider(
-            name="Phase bits",
+            label="Phase bits",
             options={"1": 1, "2": 2, "3": 3, "4": 4, "continuous": None},
             value=None,
             width=width,

@@ -38,13 +38,13 @@ class SceneCard:
         self._put = put
         self._has_saved = saved
 
-        self._list = pn.widgets.Select(name="Open", width=200, groups=self._choices())
-        opens = pn.widgets.Button(name="Open", width=80, align="end")
+        self._list = pn.widgets.Select(label="Open", width=200, groups=self._choices())
+        opens = pn.widgets.Button(label="Open", width=80, align="end")
         opens.on_click(lambda _: self._open())
-        self._name = pn.widgets.TextInput(name="Save as", width=200)
-        saves = pn.widgets.Button(name="Save", width=80, align="end", button_type="primary")
+        self._name = pn.widgets.TextInput(label="Save as", width=200)
+        saves = pn.widgets.Button(label="Save", width=80, align="end", color="primary")
         saves.on_click(lambda _: self._save())
-        self._replace = pn.widgets.Checkbox(name="replace the file that is there")
+        self._replace = pn.widgets.Checkbox(label="replace the file that is there")
         self._refusal = refusal()
         self._note = note()
 

@@ -3,12 +3,11 @@
 import os
 import platform
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
-from eval.visit import visit
+from eval.visit import TEXT, visit
 
 _DRAGS = 100
 _BEGIN = (0.0, 0.0)  # in the middle obstacle of the paper's scene
@@ -24,7 +23,7 @@ def main(out: Path = Path("docs")) -> int:
         Folder of the figures' folder.
     """
     try:
-        with tempfile.TemporaryDirectory() as name, visit(Path(name)) as found:
+        with visit(Path()) as found:
             found.watch_redraws()
             found.take(_BEGIN)
             for n in range(_DRAGS):
@@ -35,7 +34,8 @@ def main(out: Path = Path("docs")) -> int:
 
             for policy in ("explorer", "planner"):
                 found.page.get_by_label(policy, exact=True).check()
-            found.page.wait_for_timeout(3000)
+                found.page.wait_for_function(f"({TEXT})().includes('{policy}: ')")
+            found.page.wait_for_function(f"!({TEXT})().includes('...')")
             picture = out / "figures" / "workbench.png"
             found.page.screenshot(path=picture)
     except (ModuleNotFoundError, RuntimeError) as error:

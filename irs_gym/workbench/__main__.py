@@ -54,7 +54,7 @@ def main() -> int:
         scene = load_scene(given.scene)
         Bench.of(scene)  # can be drawn
         folder = SceneFolder(given.folder)
-        port = given.port or _free_port(given.address)
+        port = given.port or free_port(given.address)
     except (OSError, ValueError) as error:
         print(f"python -m irs_gym.workbench: {error}", file=sys.stderr)
         return 2
@@ -97,7 +97,8 @@ def _serve(
     return 0
 
 
-def _free_port(address: str) -> int:
+def free_port(address: str) -> int:
+    """A port of the address that nothing listens on."""
     with socket.create_server((address, 0)) as found:
         port: int = found.getsockname()[1]
 

@@ -1,5 +1,6 @@
 """`Page`: the workbench as one visitor sees it, made of Panel's widgets."""
 
+from pathlib import Path
 from typing import Any
 
 import panel as pn
@@ -112,5 +113,7 @@ class Page:
 
     def _tell_commands(self) -> None:
         name = self._scene.name
-        is_saved = name in self._folder.names()
-        set_new(self._commands, object=commands_of(self._folder.path / f"{name}.json", is_saved))
+        file = self._folder.path / f"{name}.json"
+        here = Path.cwd()
+        told = file.relative_to(here) if file.is_relative_to(here) else file
+        set_new(self._commands, object=commands_of(told, name in self._folder.names()))

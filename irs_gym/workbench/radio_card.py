@@ -24,9 +24,10 @@ class RadioCard:
     def __init__(self, bench: Callable[[], Bench], put: Callable[[Bench], None]) -> None:
         self._is_told = False  # of values, so that sliders have nothing to tell
         width = CARD - 40
-        self._target = pn.widgets.EditableFloatSlider(
-            label="Target (dB)", start=-90.0, end=-40.0, step=0.1, width=width
+        self._target = pn.widgets.FloatSlider(
+            label="Target (dB)", start=-90.0, end=-40.0, step=0.1, width=width - 96
         )
+        self._exact_target = pn.widgets.FloatInput(label="exactly", step=0.1, width=76)
         self._elements = pn.widgets.IntSlider(label="Elements on each panel", end=1, width=width)
         self._bits = pn.widgets.DiscreteSlider(
             label="Phase bits",
@@ -45,13 +46,14 @@ class RadioCard:
 
             return hear
 
-        self._target.param.watch(told(lambda db: bench().with_target(db)), "value")
+        for field in (self._target, self._exact_target):
+            field.param.watch(told(lambda db: bench().with_target(db)), "value")
         self._elements.param.watch(told(lambda count: bench().with_elements(count)), "value")
         self._bits.param.watch(lambda event: self._hear_bits(event, bench, put), "value")
 
         self.layout = pn.Column(
             title("Radio"),
-            self._target,
+            pn.Row(self._target, self._exact_target),
             self._refusals["target_db"],
             self._elements,
             self._refusals["irs_elements"],
@@ -84,7 +86,8 @@ class RadioCard:
         """Tell the sliders what is so, and say what was refused."""
         now, _, _ = elements_range(bench.scene)
         self._is_told = True
-        set_new(self._target, value=bench.scene.target_db)
+        for field in (self._target, self._exact_target):
+            set_new(field, value=bench.scene.target_db)
         set_new(self._elements, value=now if bench.is_irs_on else 0)
         set_new(self._bits, value=bench.scene.phase_bits)
         self._is_told = False

@@ -1,6 +1,6 @@
 """`planner_path`, `explorer_path`: where pretrained policies go in a scene, for the workbench.
 
-Entry points of the group ``irs_gym.policy_paths`` name them; see
+Entry points of the group ``irs_gym.workbench`` name them; see
 `irs_gym.workbench.policy_paths`.
 """
 

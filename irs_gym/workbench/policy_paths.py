@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from irs_gym.radio.scene import Scene
 
-GROUP = "irs_gym.policy_paths"
+GROUP = "irs_gym.workbench"
 
 # The cells (i, j) that a policy visits from the scene's start, shape (D, 2); a ValueError says why
 # it cannot be asked.
@@ -17,7 +17,7 @@ PolicyPath = Callable[[Scene], NDArray[np.int64]]
 
 
 def installed_policies() -> dict[str, EntryPoint]:
-    """Entry points of the group ``irs_gym.policy_paths`` by their names: functions that give a
+    """Entry points of the group ``irs_gym.workbench`` by their names: functions that give a
     policy's path in a scene.
 
     None of them is imported, and those whose module is not there are left out: this package knows

@@ -64,6 +64,12 @@ class Visit:
         self.page.goto(self.url)
         self.page.wait_for_function(_READY)
 
+        # once it is laid out, and nothing moves any more
+        before = None
+        while (now := self.pixel((0.0, 0.0))) != before:
+            before = now
+            self.page.wait_for_timeout(300)
+
     def pixel(self, point: Point) -> Point:
         """Where a point of the floor in metres is on the page, in px."""
         x, y = self.page.evaluate(_AT, list(point))

@@ -11,7 +11,7 @@ DEMO_SCORE ?= -m eval score $(DEMO_RUN)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help test coverage check lint types layers wheel clients fuzz compat demo drill pin clean
+.PHONY: help test coverage check lint types layers wheel clients workbench fuzz compat demo drill pin clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -44,6 +44,9 @@ wheel: $(INSTALLED) ## build the wheel, install it alone, step the environment
 clients: $(INSTALLED) ## the README's blocks for other libraries, each in an environment of its own
 	$(BIN)/python .ci/clients.py $(CLIENTS)
 
+workbench: $(INSTALLED) ## the workbench's page in a headless Chromium, which the machine must have
+	$(BIN)/python .ci/workbench.py
+
 fuzz: $(INSTALLED) ## hostile scenes, maps, arguments, run folders, command lines: FUZZ_INPUTS of each (2000)
 	$(BIN)/python tests/fuzz.py --inputs $(FUZZ_INPUTS)
 
@@ -67,7 +70,7 @@ PIN_TORCH ?= torch==2.13.0
 
 pin: ## write constraints.txt anew
 	tmp=$$(mktemp -d) && trap 'rm -rf "$$tmp"' EXIT && $(PYTHON) -m venv "$$tmp" && \
-	"$$tmp/bin/python" -m pip install --quiet ".[train,test,sweep,play,sionna,peers]" "$(PIN_TORCH)" && \
+	"$$tmp/bin/python" -m pip install --quiet ".[train,test,sweep,play,sionna,peers,workbench]" "$(PIN_TORCH)" playwright && \
 	"$$tmp/bin/python" -m pip freeze --all --exclude pip --exclude irs_gym > "$$tmp/freeze" && \
 	sed -e 's/+.*//' -e '/^nvidia/d' -e '/^cuda/d' -e '/^triton/d' "$$tmp/freeze" > "$$tmp/constraints.txt" && \
 	mv "$$tmp/constraints.txt" constraints.txt

@@ -39,8 +39,8 @@ SOURCE_ONLY = "gym"  # old, pure Python, and never published as a wheel
 CLEANRL = "https://raw.githubusercontent.com/vwxyzjn/cleanrl/fe8d8a03c41a7ef5b523e2e354bd01c363e786bb/cleanrl/ppo.py"
 
 
-def build(client: str, folder: Path) -> Path:
-    """Make the client's environment in the folder; returns its Python."""
+def create(folder: Path) -> Path:
+    """Make an environment in the folder, on top of this one; returns its Python."""
     venv.create(folder, with_pip=True)
     scripts = folder / ("Scripts" if os.name == "nt" else "bin")
     python = scripts / "python"
@@ -48,6 +48,12 @@ def build(client: str, folder: Path) -> Path:
     packages = Path(subprocess.check_output(ask, text=True).strip())
     (packages / "below.pth").write_text(sysconfig.get_path("purelib") + "\n")
 
+    return python
+
+
+def build(client: str, folder: Path) -> Path:
+    """Make the client's environment in the folder; returns its Python."""
+    python = create(folder)
     torch = next(
         line
         for line in (ROOT / "constraints.txt").read_text().splitlines()

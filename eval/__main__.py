@@ -39,6 +39,7 @@ COMMANDS = {
     "pretrain": "keep the best policy of each algorithm on each problem in models/",
     "watch": "show a pretrained model, a run or a reference policy on its way",
     "play": "steer the robot from the keyboard",
+    "workbench": "time the workbench in a browser and draw docs/figures/workbench.png",
     "animate": "write an episode of a run or of a reference policy as a GIF",
 }
 

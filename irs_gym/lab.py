@@ -42,7 +42,10 @@ def open_lab() -> None:
     """
     where = str(folder())
     if where not in sys.path:
-        sys.path.append(where)  # the last: what the user has under a name of his own comes first
+        # right behind this package: what the user has under such a name of his own comes first
+        home = Path(__file__).resolve().parents[1]
+        places = [n for n, each in enumerate(sys.path) if Path(each).resolve() == home]
+        sys.path.insert(places[0] + 1 if places else len(sys.path), where)
 
     for name in ("agents", *OF_THE_LAB):
         found = find_spec(name)

@@ -37,7 +37,7 @@ suppress_warnings = ["myst.header"]  # pages that commands write begin tables be
 # Tutorials run at each build; one that fails fails it.
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
-nb_execution_timeout = 180
+nb_execution_timeout = 600  # seconds a cell, on a busy machine
 nb_execution_in_temp = True
 nb_merge_streams = True
 

@@ -344,16 +344,22 @@ def reference(name: str) -> str:
 
 
 def short_types(
-    app: Sphinx, what: str, name: str, thing: Any, options: Any, given: str, returned: str
-) -> tuple[str, str]:
+    app: Sphinx,
+    what: str,
+    name: str,
+    thing: Any,
+    options: Any,
+    given: str | None,
+    returned: str | None,
+) -> tuple[str | None, str | None]:
     """A signature with NumPy's aliases as we write them, and not as they are spelt out."""
 
-    def short(text: str) -> str:
+    def short(text: str | None) -> str | None:
         for long, alias in ALIASES.items():
-            text = re.sub(long, alias, text)
+            text = re.sub(long, alias, text) if text else text
         return text
 
-    return short(given or ""), short(returned or "")
+    return short(given), short(returned)
 
 
 # --- documents of the top level, and models -------------------------------------------------------
@@ -381,9 +387,11 @@ def to_pages(app: Sphinx, name: str, source: list[str]) -> None:
 
 def write_models(docs: Path) -> None:
     """The model cards, which lie beside the models."""
-    cards = sorted((docs.parent / "models").glob("*.md"))
-    for card in cards:
-        write(docs / "models" / card.name, card.read_text(encoding="utf-8"))
+    for card in sorted((docs.parent / "models").glob("*.md")):
+        text = card.read_text(encoding="utf-8")
+        if card.name == "README.md":
+            text += "\n```{toctree}\n:hidden:\n:glob:\n\n*\n```\n"
+        write(docs / "models" / card.name, text)
 
 
 def write_pages(app: Sphinx, config: Any) -> None:

@@ -29,7 +29,7 @@ exclude_patterns = ["_ext", "figures"]
 
 # Documents are Markdown; what stands between single backticks in a docstring is looked up.
 default_role = "py:obj"
-myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_enable_extensions = ["attrs_inline"]  # the width of a picture
 myst_heading_anchors = 3
 myst_links_external_new_tab = False
 suppress_warnings = ["myst.header"]  # pages that commands write begin tables below a heading of 3

@@ -246,11 +246,15 @@ def environment_page(spec: EnvSpec) -> str:
     )
 
 
+def given(spec: EnvSpec) -> str:
+    """The arguments of an id's own, as they are written."""
+    return ", ".join(f"{name}={value!r}" for name, value in spec.kwargs.items())
+
+
 def variant_page(spec: EnvSpec) -> str:
     """The page of an id that is another with arguments of its own."""
     env = make(spec)
     first = first_of(spec)
-    given = ", ".join(f"{name}={value!r}" for name, value in spec.kwargs.items())
     rows = [
         f"| `{name or 'the observation'}` | {cell(f'`{space}`')} |"
         for name, space in parts(env.observation_space)
@@ -260,8 +264,8 @@ def variant_page(spec: EnvSpec) -> str:
             f"""\
         # {spec.id}
 
-        [`{first.id}`]({first.id}.md) with `{given}`, for programs that take an id and nothing else.
-        Everything else is as told there: rewards, episodes, arguments, methods.
+        [`{first.id}`]({first.id}.md) with `{given(spec)}`, for programs that take an id and
+        nothing else. All the rest is as told there: rewards, episodes, arguments, methods.
 
         ![The oracle's path, and a robot's, in {spec.id}](pictures/{spec.id}.png)
 
@@ -277,7 +281,7 @@ def variant_page(spec: EnvSpec) -> str:
 
 def write_environments(folder: Path) -> None:
     """A page and a picture for each id, and the list of them."""
-    rows = ["| id | |", "|---|---|"]
+    rows = ["| | id | |", "|---|---|---|"]
     for name, spec in own_specs().items():
         picture = folder / "pictures" / f"{name}.png"
         if not picture.exists():
@@ -285,8 +289,9 @@ def write_environments(folder: Path) -> None:
         is_first = first_of(spec) is spec
         write(folder / f"{name}.md", environment_page(spec) if is_first else variant_page(spec))
         said = (inspect.getdoc(class_of(spec)) or "").partition("\n\n")[0]
-        said = said if is_first else f"`{first_of(spec).id}` with {spec.kwargs}"
-        rows.append(f"| [`{name}`]({name}.md) | {cell(said)} |")
+        said = said if is_first else f"`{first_of(spec).id}` with `{given(spec)}`."
+        thumbnail = f"![{name}](pictures/{name}.png){{width=180px}}"
+        rows.append(f"| {thumbnail} | [`{name}`]({name}.md) | {cell(said)} |")
 
     order = "\n".join(own_specs())
     listed = "\n".join(rows)
@@ -338,9 +343,9 @@ def first_line(name: str) -> str:
 
 
 def reference(name: str) -> str:
-    """Autodoc's directive for a name, below a heading of its own."""
+    """Autodoc's directive for a name."""
     kind = "autoclass" if inspect.isclass(found(name)) else "autofunction"
-    return f"## {name.rpartition('.')[2]}\n\n```{{eval-rst}}\n.. {kind}:: {name}\n```"
+    return f"```{{eval-rst}}\n.. {kind}:: {name}\n```"
 
 
 def short_types(

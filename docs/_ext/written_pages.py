@@ -24,8 +24,8 @@ FEW = {"num_scenes": 8}  # for pictures and spaces, so that no build waits for a
 BESIDE_THE_TASK = {
     "render_mode": '`"rgb_array"`, `"ansi"`, `"human"`, `"rgb_array_list"` or `"ansi_list"`.',
     "infos": (
-        'Keys of `info`: `"all"`, a list of some, or `"fast"`, the default of vector environments:'
-        " `distance`, `action_mask`, `cost`, `is_success`, `spl`, `oracle_distance`."
+        'Keys of `info`: `"all"`, a list of some, or `"fast"`, the default of vector environments,'
+        " which leaves out what takes time."
     ),
 }
 WINGS = {

@@ -76,9 +76,11 @@ def _tested_every(steps: int) -> dict[str, int]:
 
 
 # Where the panel is switched, there are as many maps as configurations, and most switches are
-# refused: networks that see the mask learn not to try them, and more steps and more exploration
-# find that a switch more may pay.
+# refused: networks that see the mask learn not to try them, those that are told which cells and
+# configurations meet the target learn where a switch pays, and so do more steps and more
+# exploration.
 _SWITCHING_DQN: dict[str, Any] = {
+    "signs": True,
     "total_timesteps": 700_000,
     "n_envs": 256,
     "batch_size": 256,
@@ -97,7 +99,7 @@ ALGORITHMS: dict[str, Row] = {
         learner="stable_baselines3:PPO",
         env={"random_start": 0.7},
         codebook_env={"observation": "masked"},
-        codebook_agent={"total_timesteps": 1_000_000},
+        codebook_agent={"signs": True},
     ),
     "maskable_ppo": Row(
         title="MaskablePPO",
@@ -105,6 +107,7 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.maskable_ppo:MaskablePpoConfig",
         learner="sb3_contrib:MaskablePPO",
         env={"random_start": 0.7},
+        codebook_agent={"signs": True},
     ),
     "ppo_lagrangian": Row(
         title="PPO-Lagrangian",

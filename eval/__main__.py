@@ -31,6 +31,9 @@ COMMANDS = {
     "generalisation": (
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
     ),
+    "bounds": (
+        "prove how short a continuous path can be in the paper's scene, and write docs/bounds.md"
+    ),
     "grids": "compare the oracle with the lengths that the MovingAI benchmarks publish",
     "speed": "time the environments beside others",
     "pretrain": "keep the best policy of each algorithm on each problem in models/",

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 from gymnasium.envs.registration import register, registry
 
 if TYPE_CHECKING:
+    from irs_gym.bounds.certified import Bounds as Bounds
+    from irs_gym.bounds.certified import certified_bounds as certified_bounds
     from irs_gym.datasets.generator import Difficulty as Difficulty
     from irs_gym.datasets.generator import generate_scene as generate_scene
     from irs_gym.envs.cost_steps import SixTuple as SixTuple
@@ -61,6 +63,8 @@ __version__ = "0.1.0"
 # Names are looked up in their modules on first use, so that `import irs_gym` costs little more than
 # gymnasium.
 _HOMES = {
+    "Bounds": "bounds.certified",
+    "certified_bounds": "bounds.certified",
     "Difficulty": "datasets.generator",
     "generate_scene": "datasets.generator",
     "SixTuple": "envs.cost_steps",

@@ -28,7 +28,7 @@ class LocalPpoConfig(PpoConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "share", "random_start")
+        _check_of_many_scenes(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class RecurrentPpoConfig(PpoConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "share", "random_start")
+        _check_of_many_scenes(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,4 +76,14 @@ class MapPpoConfig(PpoConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "share", "random_start")
+        _check_of_many_scenes(self)
+
+
+def _check_of_many_scenes(settings: LocalPpoConfig | RecurrentPpoConfig | MapPpoConfig) -> None:
+    """Raise a ``ValueError`` that names what is out of its range."""
+    check_settings(settings, "share", "random_start")
+    if settings.signs:
+        raise ValueError(
+            f"signs=True is for agents of one scene: {settings.algorithm} has a way of its own to "
+            "read what it observes"
+        )

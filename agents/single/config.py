@@ -32,6 +32,11 @@ class Sb3Config(Protocol):
         """Widths of the hidden layers of each network."""
         ...
 
+    @property
+    def signs(self) -> bool:
+        """Whether networks are told the signs of what is observed."""
+        ...
+
 
 def check_settings(settings: Any, kind: Kind, *names: str) -> None:
     """Raise a ``ValueError`` that names the first of these fields that is not of the kind."""

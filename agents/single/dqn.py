@@ -28,6 +28,9 @@ class DqnConfig:
     """
     net_arch: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers of each network."""
+    signs: bool = False
+    """Whether networks are also told which numbers of an observation are at least 0: which cells
+    and configurations meet the target."""
     n_steps: int = 1
     """Rewards that a return adds up before the value of the state thereafter: with more, random
     moves among them make narrow passages look worse than they are, and the agent settles on a

@@ -17,7 +17,13 @@ if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
 
 # The settings that are not handed on to the model of Stable-Baselines3 under their own names.
-_NOT_THE_MODELS = ("total_timesteps", "n_envs", "learning_rate", "final_learning_rate")
+_NOT_THE_MODELS = (
+    "total_timesteps",
+    "n_envs",
+    "learning_rate",
+    "final_learning_rate",
+    "signs",
+)
 
 
 def build_model(config: Any, env: VecEnv, seed: int) -> Any:
@@ -78,5 +84,7 @@ def _is_recurrent(config: Sb3Config) -> bool:
 
 
 def _extractor(config: Sb3Config) -> Any:
-    network = ALGORITHMS[config.algorithm].network
+    own = ALGORITHMS[config.algorithm].network
+    network = "agents.networks.sign_extractor:SignExtractor" if config.signs else own
+
     return None if network is None else named(network)

@@ -26,6 +26,9 @@ class PpoConfig:
     """Discount factor: nearer to 1, failures far away drown what a detour of 2 % costs."""
     net_arch: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers of each network."""
+    signs: bool = False
+    """Whether networks are also told which numbers of an observation are at least 0: which cells
+    and configurations meet the target."""
     n_steps: int = 64
     """Steps of each environment between two updates."""
     batch_size: int = 1024

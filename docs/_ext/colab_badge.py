@@ -22,7 +22,7 @@ BADGE = (
 def add_badge(app: Sphinx, name: str, source: list[str]) -> None:
     """Put the badge below the title, the first line of the first cell."""
     repository = os.environ.get("GITHUB_REPOSITORY")
-    if not repository or not app.env.doc2path(name).endswith(".ipynb"):
+    if not repository or not str(app.env.doc2path(name)).endswith(".ipynb"):
         return
 
     notebook = json.loads(source[0])

@@ -96,18 +96,15 @@ def payable(cost: Floats) -> Floats:
 def cleared(left: Floats) -> Floats:
     """What is left of budgets ``(n,)``, with 0 where they are overdrawn by no more than `SLACK`.
 
-    The array itself where nothing is overdrawn, else another.
+    The array itself where none is, else another.
 
     Examples
     --------
     >>> cleared(np.array([0.75, -1e-12, -0.5])).tolist()
     [0.75, 0.0, -0.5]
     """
-    is_overdrawn = left < 0
-    if not np.count_nonzero(is_overdrawn):
-        return left
-
-    return np.where(is_overdrawn & (left >= -SLACK), 0.0, left)
+    is_within_slack = (left < 0) & (left >= -SLACK)
+    return np.where(is_within_slack, 0.0, left) if np.count_nonzero(is_within_slack) else left
 
 
 def can_pay(left: ArrayLike, cost: ArrayLike) -> NDArray[np.bool_]:
@@ -132,4 +129,5 @@ def scaled_amount(left: ArrayLike) -> NDArray[np.float32]:
     [0.0, 0.5, 0.75, -0.5]
     """
     left = np.asarray(left)
-    return np.asarray(left / (1.0 + np.abs(left)), dtype=np.float32)
+    scale = np.abs(left) + 1.0
+    return np.asarray(np.divide(left, scale), dtype=np.float32)

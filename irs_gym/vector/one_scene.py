@@ -61,17 +61,14 @@ class OneScene:
         entry += actions
         next_states = self.next_state.take(entry)
 
-        # Where moves are refused, nothing costs, and only the goal ends an episode; to compare with
-        # one goal is faster than to gather.
-        cost = None
-        if self.move_cost is None and len(self.goals) == 1:
-            is_terminated = is_at_goal = next_states == self._goal
-        elif self.move_cost is None:
-            is_terminated = is_at_goal = self.is_terminated.take(entry)
-        else:
-            cost = self.move_cost.take(entry)
-            is_terminated = self.is_terminated.take(entry)
-            is_at_goal = self.is_at_goal.take(entry)
+        # Nothing but the goal ends an episode, unless that a cell lies below the target does; to
+        # compare with one goal is faster than to gather.
+        is_at_goal = (
+            next_states == self._goal if len(self.goals) == 1 else self.is_at_goal.take(entry)
+        )
+        ends_below = self.world.rules.constraint == "terminate"
+        is_terminated = self.is_terminated.take(entry) if ends_below else is_at_goal
+        cost = None if self.move_cost is None else self.move_cost.take(entry)
 
         return Outcome(
             next_states,

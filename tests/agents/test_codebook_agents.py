@@ -6,8 +6,10 @@ from shlex import split
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from tiny import call
 
+from agents.networks.sign_extractor import SCALES, SignExtractor
 from agents.policies.codebook_heuristics import CODEBOOK_REFERENCES
 from agents.rollout.episode import evaluation_env, roll_out
 from agents.runs.problem import problem_of
@@ -111,7 +113,8 @@ def test_with_a_codebook_the_command_line_is_that_of_its_environment(tmp_path):
     assert config.env.codebook == ("dft", 8)
     assert (config.env.switch_cost, config.env.random_start) == (0.3, 0.7)
     tuned = (config.env.observation, config.agent.total_timesteps)
-    assert tuned == ("masked", 1_000_000)  # for it
+    assert tuned == ("masked", 2_400_000)  # for it
+    assert config.agent.signs
     FEW.save(tmp_path / "few.npz")
     named = parse("dqn", split(f"--env.codebook {tmp_path / 'few.npz'}"))
     assert named.env.codebook == str(tmp_path / "few.npz")
@@ -202,3 +205,34 @@ def test_the_sweep_of_the_page_is_a_plan():
     plan = Plan.load(SWEEPS / "codebook.toml")
     assert {config.env.codebook[1] for config in plan.configs()} == {4, 8, 16}
     assert {config.env.target_db for config in plan.configs()} == {-61.8, -60.0}
+
+
+@pytest.mark.parametrize("observation", ["flat", "masked", "dict"])
+def test_signs_tell_which_cells_and_configurations_meet_the_target(observation):
+    env = make(observation=observation, patch_radius=2)
+    seen, info = env.reset()
+    extractor = SignExtractor(env.observation_space)
+    batch = (
+        {key: torch.as_tensor(each)[None].float() for key, each in seen.items()}
+        if isinstance(seen, dict)
+        else torch.from_numpy(seen)[None]
+    )
+    features = extractor(batch)[0].numpy()
+    assert features.shape == (extractor.features_dim,)
+
+    flat = make(observation="flat", patch_radius=2)
+    plain, _ = flat.reset()
+    mask = info["action_mask"] if observation == "masked" else []
+    want = [mask, plain, plain >= 0, *(np.clip(plain[-2:] * scale, -1, 1) for scale in SCALES)]
+    np.testing.assert_allclose(features, np.concatenate(want), rtol=1e-6)
+
+    # of the gains, those are at least 0 whose configurations may be switched to, or are there
+    gains = len(mask) + len(plain) + 6 + 25 + np.arange(6)
+    may = info["action_mask"][8:].astype(bool)
+    may[info["configuration"]] = True
+    np.testing.assert_array_equal(features[gains].astype(bool), may)
+
+
+def test_signs_are_of_what_is_seen_around_the_robot_alone():
+    with pytest.raises(ValueError, match="needs observation='flat', 'dict' or 'masked'"):
+        SignExtractor(make(observation="cell").observation_space)

@@ -1,0 +1,52 @@
+"""`SignExtractor`: which numbers of an observation are at least 0, on top of the numbers."""
+
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import Tensor
+
+SCALES = (1.0, 3.0, 10.0, 40.0)  # the vector to the goal is magnified by so much, and cut off at 1
+
+
+class SignExtractor(BaseFeaturesExtractor):
+    """Adds to an observation, packed as ``"flat"``, which of its numbers are at least 0, and the
+    vector to the goal at several scales. Nothing is learned here.
+
+    A cell at the target and one just below it differ by a thousandth in what is seen, and by all in
+    what the rules allow; so do two configurations of the panel, and a robot at the goal and one
+    beside it. Raises ``ValueError`` for a space of another kind.
+    """
+
+    def __init__(self, observation_space: spaces.Box | spaces.Dict) -> None:
+        is_flat = isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1
+        if not (is_flat or isinstance(observation_space, spaces.Dict)):
+            raise ValueError(
+                "signs=True needs observation='flat', 'dict' or 'masked', not what is seen as "
+                f"{observation_space}"
+            )
+
+        width = spaces.flatdim(observation_space)
+        mask = 0
+        if isinstance(observation_space, spaces.Dict) and "action_mask" in observation_space.spaces:
+            mask = spaces.flatdim(observation_space["action_mask"])
+
+        super().__init__(observation_space, width + (width - mask) + 2 * len(SCALES))
+
+    def forward(self, observations: Any) -> Tensor:
+        """Features ``(B, D)`` of observations ``(B, C)``, or of dicts of such in any shape."""
+        parts = [observations]
+        if isinstance(observations, dict):
+            parts = [observations[key].flatten(1) for key in sorted(observations)]
+
+        # an action mask comes first by its name, and has no signs to tell
+        has_mask = isinstance(observations, dict) and "action_mask" in observations
+        numbers = parts[1:] if has_mask else parts
+        signs = [(each >= 0).to(each) for each in numbers]
+
+        # at the end of the last, whatever the kind of observation
+        to_goal = numbers[-1][:, -2:]  # (B, 2), over the size of the room
+        scaled = [(to_goal * scale).clamp(-1.0, 1.0) for scale in SCALES]
+
+        return torch.cat([*parts, *signs, *scaled], dim=1)

@@ -1,0 +1,1 @@
+"""The continuous problem: bounds of its optimum that are proved."""

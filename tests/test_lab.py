@@ -59,7 +59,10 @@ def test_opened_it_is_there_for_processes_too(installed):
         "import agents; print(agents.__file__, os.environ['PYTHONPATH'])"
     )
     where = installed / "site" / "irs_gym" / "_lab"
-    assert run(code, installed).stdout.split() == [f"{where}/agents/__init__.py", str(where)]
+    assert run(code, installed).stdout.split() == [
+        str(where / "agents" / "__init__.py"),
+        str(where),
+    ]
 
 
 def test_what_is_someone_elses_is_not_taken_for_it(installed):

@@ -31,6 +31,7 @@ BESIDE_THE_TASK = {
 WINGS = {
     "radio": "Scenes, floor plans and radio maps",
     "oracle": "The oracle",
+    "bounds": "Certified bounds",
     "mdp": "Robots, costs and codebooks",
     "datasets": "Generated scenes",
     "envs": "Wrappers",

@@ -1,4 +1,4 @@
-"""Run the README's blocks for other libraries, each in an environment of its own on top of this
+"""Run the blocks of code for other libraries, each in an environment of its own on top of this
 one.
 
 These libraries pin versions of Gymnasium and others that differ from ours and from each other, so
@@ -114,7 +114,7 @@ def check(client: str) -> bool:
             "--quiet",
             "-p",
             "no:cacheprovider",
-            "tests/test_readme.py",
+            "tests/test_code_blocks.py",
             "-k",
             f"needs_{client}",
         ]

@@ -37,6 +37,7 @@ COMMANDS = {
     "grids": "compare the oracle with the lengths that the MovingAI benchmarks publish",
     "speed": "time the environments beside others",
     "pretrain": "keep the best policy of each algorithm on each problem in models/",
+    "cards": "write the model cards of models/, from its manifest",
     "watch": "show a pretrained model, a run or a reference policy on its way",
     "play": "steer the robot from the keyboard",
     "workbench": "time the workbench in a browser and draw docs/figures/workbench.png",

@@ -32,6 +32,9 @@ COMMANDS = {
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
     ),
     "grids": "compare the oracle with the lengths that the MovingAI benchmarks publish",
+    "submit": "write an agent's episodes on a track of the leaderboard, to hand in",
+    "verify": "play submissions anew, and accept or refuse each",
+    "leaderboard": "verify all submissions of a folder and write docs/leaderboard.md",
     "speed": "time the environments beside others",
     "pretrain": "keep the best policy of each algorithm on each problem in models/",
     "watch": "show a pretrained model, a run or a reference policy on its way",

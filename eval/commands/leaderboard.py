@@ -20,7 +20,7 @@ FILE = re.compile(r"[\w-][\w.-]*\.json(\.gz)?")
 def main(folder: Path = Path("docs/leaderboard"), out: Path = Path("docs")) -> int:
     """Verify all submissions of a folder, and write leaderboard.md.
 
-    A file that is refused keeps the page from being written. The tracks are: {tracks}.
+    A file that is refused keeps the page from being written.
 
     Parameters
     ----------
@@ -46,9 +46,6 @@ def main(folder: Path = Path("docs/leaderboard"), out: Path = Path("docs")) -> i
     print(f"{len(files)} submissions accepted; written: {out / 'leaderboard.md'}")
 
     return 0
-
-
-main.__doc__ = (main.__doc__ or "").format(tracks=", ".join(TRACKS))
 
 
 def _files(folder: Path) -> list[Path]:

@@ -12,7 +12,6 @@ import irs_gym
 from agents.registry import ALGORITHMS, generalists
 from agents.rollout.episode import roll_out
 from agents.rollout.scene_set import NOTHING
-from agents.runs import provenance
 from agents.runs.pretrained import MODELS, Models
 from agents.runs.problem import problem_of
 from agents.runs.run_folder import Run
@@ -48,8 +47,8 @@ def main(
         Run folders, pretrained models (ppo, dqn, planner, explorer ...), files of networks, and
         reference policies (oracle, replanning, greedy ...).
     track
-        What to play: paper-61.8dB-continuous, test-map, test-local ...; `python -m eval
-        leaderboard` lists all.
+        What to play: paper-61.8dB-continuous, test-map, test-local ...; for a name that is none,
+        all are listed.
     authors
         Who is to be named.
     name
@@ -142,12 +141,12 @@ def _run(name: str) -> Run | None:
 
 
 def _origin(name: str, track: Track) -> tuple[str, str | None]:
-    """What an agent is called, and the commit that trained it."""
+    """What an agent is called, and the commit that trained it, where it was trained."""
     run = _run(name)
     if run is not None:
         return ALGORITHMS[run.config.algorithm].title, run.manifest.commit
     if name not in ALGORITHMS:  # a reference, or the file of a network
-        return REFERENCE_TITLES.get(name, Path(name).stem), provenance.commit()
+        return REFERENCE_TITLES.get(name, Path(name).stem), None
 
     models = Models.read(MODELS)
     if name in generalists():

@@ -1,5 +1,5 @@
-"""Run the README's blocks for other libraries, each in an environment of its own on top of this
-one.
+"""Run the blocks of README.md and docs/datasets.md for other libraries, and what tests need them,
+each in an environment of its own on top of this one.
 
 These libraries pin versions of Gymnasium and others that differ from ours and from each other, so
 none of them can be part of ``make test``, which names the blocks that it leaves to this script.
@@ -111,6 +111,7 @@ def check(client: str) -> bool:
             "-p",
             "no:cacheprovider",
             "tests/test_readme.py",
+            "tests/train/test_datasets.py",
             "-k",
             f"needs_{client}",
         ]

@@ -22,6 +22,7 @@ BY_HAND = sorted(
         *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
         *ROOT.glob(".github/**/*.md"),
         ARCHITECTURE,
+        ROOT / "docs" / "datasets.md",
         ROOT / "docs" / "glossary.md",
     ]
 )

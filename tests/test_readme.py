@@ -1,8 +1,8 @@
-"""Every block of code in README.md runs, in a copy of the checkout.
+"""Every block of code in README.md and docs/datasets.md runs, in a copy of the checkout.
 
 Comments in front of a block tell the test, and whoever reads the source, how it differs from the
-text: `<!-- test: OLD -> NEW -->` replaces one place, `<!-- test: needs PACKAGE -->` leaves it to
-`make clients` where the package is missing. In bash blocks, `make` only says what it would do, and
+text: `<!-- test: OLD -> NEW -->` replaces one place, `<!-- test: after COMMAND -->` runs a command
+before it, `<!-- test: needs PACKAGE -->` leaves it to `make clients` where the package is missing. In bash blocks, `make` only says what it would do, and
 `pip install` only whether it could.
 """
 
@@ -24,6 +24,7 @@ from train.config import defaults_of
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
+DOCUMENTS = (README, ROOT / "docs" / "datasets.md")
 NOT_RUN = {"text", "bibtex"}
 SECONDS = 600
 SHIMS = {
@@ -43,6 +44,12 @@ class Block:
     language: str
     code: str
     notes: tuple[str, ...]
+    document: str = "README"
+
+    @property
+    def after(self) -> list[str]:
+        """Commands that are run before it."""
+        return [note.removeprefix("after ") for note in self.notes if note.startswith("after ")]
 
     @property
     def needs(self) -> list[str]:
@@ -54,14 +61,14 @@ class Block:
         """The code with its replacements made."""
         code = self.code
         for note in self.notes:
-            if not note.startswith("needs "):
+            if not note.startswith(("after ", "needs ")):
                 old, new = note.split(" -> ")
                 assert code.count(old) == 1, f"line {self.line}: {old!r} is not there exactly once"
                 code = code.replace(old, new)
         return code
 
 
-def blocks(text: str) -> list[Block]:
+def blocks(text: str, document: str = "README") -> list[Block]:
     """All fenced blocks, with the comments right in front of them."""
     fence = re.compile(r"((?:^<!-- test: .+ -->\n)*)^```(.*)\n((?:.*\n)*?)^```$", re.MULTILINE)
     return [
@@ -70,6 +77,7 @@ def blocks(text: str) -> list[Block]:
             language=found[2],
             code=found[3],
             notes=tuple(re.findall(r"<!-- test: (.+) -->", found[1])),
+            document=document,
         )
         for found in fence.finditer(text)
     ]
@@ -92,15 +100,20 @@ def run(block: Block, checkout: Path) -> subprocess.CompletedProcess:
         "RAY_AUTH_MODE": "disabled",
         "MINARI_DATASETS_PATH": str(checkout / ".minari"),
     }
-    return subprocess.run(
-        commands[block.language],
-        cwd=checkout,
-        env=os.environ | settings,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=SECONDS,
-    )
+    before = [["bash", "-euo", "pipefail", "-c", each] for each in block.after]
+    for command in [*before, commands[block.language]]:
+        done = subprocess.run(
+            command,
+            cwd=checkout,
+            env=os.environ | settings,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=SECONDS,
+        )
+        if done.returncode:
+            break
+    return done
 
 
 @pytest.fixture(scope="session")
@@ -121,13 +134,19 @@ def checkout(tmp_path_factory) -> Path:
     return copy
 
 
-RUNNABLE = [block for block in blocks(README.read_text()) if block.language not in NOT_RUN]
+RUNNABLE = [
+    block
+    for document in DOCUMENTS
+    for block in blocks(document.read_text(), document.stem)
+    if block.language not in NOT_RUN
+]
 
 
 def case(block: Block) -> ParameterSet:
     marks = [pytest.mark.needs(*block.needs)] if block.needs else []
+    where = [] if block.document == "README" else [block.document]
     label = "-".join(
-        [f"line-{block.line}", block.language, *(f"needs_{need}" for need in block.needs)]
+        [*where, f"line-{block.line}", block.language, *(f"needs_{need}" for need in block.needs)]
     )
     return pytest.param(block, id=label, marks=marks)
 
@@ -138,8 +157,9 @@ def test_block_runs(block, checkout):
     assert done.returncode == 0, f"line {block.line}:\n{done.stdout}\n{done.stderr}"
 
 
-def test_no_block_escapes():
-    text = README.read_text()
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda each: each.stem)
+def test_no_block_escapes(document):
+    text = document.read_text()
     fences, found = re.findall(r"^\s*```", text, re.MULTILINE), blocks(text)
     assert len(fences) == 2 * len(found) > 0
     assert {block.language for block in found} <= {"bash", "python", *NOT_RUN}
@@ -152,6 +172,7 @@ def test_a_broken_block_fails(checkout):
     assert run(Block(1, "bash", "make fly\n", ()), checkout).returncode == 2
     assert run(Block(1, "bash", 'pip install ".[fly]"\n', ()), checkout).returncode == 1
     assert run(Block(1, "bash", 'pip install ".[train]"\n', ()), checkout).returncode == 0
+    assert run(Block(1, "bash", "true\n", ("after false",)), checkout).returncode == 1
     with pytest.raises(AssertionError, match="line 7: '3' is not there exactly once"):
         _ = Block(7, "python", "1 + 2\n", ("3 -> 4",)).shortened
 

@@ -105,6 +105,7 @@ def write_dataset(source: Source, name: str, root: Path, *, progress: bool = Tru
     if missing:
         raise DatasetError(f'{missing[0]} is missing: pip install -e ".[datasets]"')
 
+    root = root.resolve()  # which Minari needs
     target = root / NAMESPACE / name
     if target.exists():
         raise DatasetError(f"{str(target)!r} exists: name another data set")

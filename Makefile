@@ -79,7 +79,7 @@ PIN_TORCH ?= torch==2.13.0
 
 pin: ## write constraints.txt anew
 	tmp=$$(mktemp -d) && trap 'rm -rf "$$tmp"' EXIT && $(PYTHON) -m venv "$$tmp" && \
-	"$$tmp/bin/python" -m pip install --quiet ".[train,test,sweep,play,sionna,peers,workbench,docs]" "$(PIN_TORCH)" playwright && \
+	"$$tmp/bin/python" -m pip install --quiet ".[train,test,sweep,play,sionna,peers,workbench,docs,datasets]" "$(PIN_TORCH)" playwright && \
 	"$$tmp/bin/python" -m pip freeze --all --exclude pip --exclude irs_gym > "$$tmp/freeze" && \
 	sed -e 's/+.*//' -e '/^nvidia/d' -e '/^cuda/d' -e '/^triton/d' "$$tmp/freeze" > "$$tmp/constraints.txt" && \
 	mv "$$tmp/constraints.txt" constraints.txt

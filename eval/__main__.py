@@ -35,6 +35,9 @@ COMMANDS = {
         "prove how short a continuous path can be in the paper's scene, and write docs/bounds.md"
     ),
     "grids": "compare the oracle with the lengths that the MovingAI benchmarks publish",
+    "submit": "write an agent's episodes on a track of the leaderboard, to hand in",
+    "verify": "play submissions anew, and accept or refuse each",
+    "leaderboard": "verify all submissions of a folder and write docs/leaderboard.md",
     "speed": "time the environments beside others",
     "pretrain": "keep the best policy of each algorithm on each problem in models/",
     "cards": "write the model cards of models/, from its manifest",

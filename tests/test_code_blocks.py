@@ -1,8 +1,8 @@
 """Every block of code in the README and on the site's pages runs, in a copy of the checkout.
 
 Comments in front of a block tell the test, and whoever reads the source, how it differs from the
-text: `<!-- test: OLD -> NEW -->` replaces one place, `<!-- test: needs PACKAGE -->` leaves it to
-`make clients` where the package is missing. In bash blocks, `make` only says what it would do, and
+text: `<!-- test: OLD -> NEW -->` replaces one place, `<!-- test: after COMMAND -->` runs a command
+before it, `<!-- test: needs PACKAGE -->` leaves it to `make clients` where the package is missing. In bash blocks, `make` only says what it would do, and
 `pip install` only whether it could.
 """
 
@@ -51,6 +51,12 @@ class Block:
     language: str
     code: str
     notes: tuple[str, ...]
+    document: str = "README"
+
+    @property
+    def after(self) -> list[str]:
+        """Commands that are run before it."""
+        return [note.removeprefix("after ") for note in self.notes if note.startswith("after ")]
 
     @property
     def needs(self) -> list[str]:
@@ -62,7 +68,7 @@ class Block:
         """The code with its replacements made."""
         code = self.code
         for note in self.notes:
-            if not note.startswith("needs "):
+            if not note.startswith(("after ", "needs ")):
                 old, new = note.split(" -> ")
                 assert code.count(old) == 1, f"{self.place}: {old!r} is not there exactly once"
                 code = code.replace(old, new)
@@ -80,6 +86,7 @@ def blocks(text: str, name: str = "") -> list[Block]:
             language=found[2],
             code=found[3],
             notes=tuple(re.findall(r"<!-- test: (.+) -->", found[1])),
+            document=document,
         )
         for found in fence.finditer(text)
     ]
@@ -102,15 +109,20 @@ def run(block: Block, checkout: Path) -> subprocess.CompletedProcess:
         "RAY_AUTH_MODE": "disabled",
         "MINARI_DATASETS_PATH": str(checkout / ".minari"),
     }
-    return subprocess.run(
-        commands[block.language],
-        cwd=checkout,
-        env=os.environ | settings,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=SECONDS,
-    )
+    before = [["bash", "-euo", "pipefail", "-c", each] for each in block.after]
+    for command in [*before, commands[block.language]]:
+        done = subprocess.run(
+            command,
+            cwd=checkout,
+            env=os.environ | settings,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=SECONDS,
+        )
+        if done.returncode:
+            break
+    return done
 
 
 @pytest.fixture(scope="session")
@@ -169,6 +181,7 @@ def test_a_broken_block_fails(checkout):
     assert run(Block("here", "bash", "make fly\n", ()), checkout).returncode == 2
     assert run(Block("here", "bash", 'pip install ".[fly]"\n', ()), checkout).returncode == 1
     assert run(Block("here", "bash", 'pip install ".[train]"\n', ()), checkout).returncode == 0
+    assert run(Block("here", "bash", "true\n", ("after false",)), checkout).returncode == 1
     with pytest.raises(AssertionError, match="there: '3' is not there exactly once"):
         _ = Block("there", "python", "1 + 2\n", ("3 -> 4",)).shortened
 

@@ -41,6 +41,8 @@ class EpisodeResult:
         Undiscounted.
     path
         int64, shape ``(T, 2)``: cells visited.
+    actions
+        int64, shape ``(steps,)``: what was done, refused moves included.
     switch_cells
         int64, shape ``(n, 2)``: where the panel was switched; none where it follows the robot.
     """
@@ -54,6 +56,7 @@ class EpisodeResult:
     steps: int
     total_reward: float
     path: NDArray[np.int64]
+    actions: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     switch_cells: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
 
     @property
@@ -150,18 +153,18 @@ def roll_out(
     is_masked = takes_masks(policy)
     observation, start = env.reset(seed=seed, options=options)
     info = start
-    steps = 0
+    actions: list[int] = []
     total_reward = 0.0
     state = None
     is_over = False
     has_missed = False
 
     while not is_over:
-        is_first = np.array([steps == 0])
+        is_first = np.array([not actions])
         mask = {"action_masks": info["action_mask"]} if is_masked else {}
         action, state = policy.predict(observation, state, is_first, deterministic, **mask)
-        observation, reward, is_terminated, is_truncated, info = env.step(int(action))
-        steps = steps + 1
+        actions.append(int(action))
+        observation, reward, is_terminated, is_truncated, info = env.step(actions[-1])
         total_reward = total_reward + float(reward)
         is_over = is_terminated or is_truncated
         has_missed = has_missed or _misses(info)
@@ -178,9 +181,10 @@ def roll_out(
         if has_missed
         else max(0.0, 1.0 - robot.distance_to_go / start["oracle_distance"]),
         # steps that led nowhere: neither a move nor a switch of the panel
-        refused=steps - (len(path) - 1) - info.get("switches", 0),
-        steps=steps,
+        refused=len(actions) - (len(path) - 1) - info.get("switches", 0),
+        steps=len(actions),
         total_reward=total_reward,
         path=path,
+        actions=np.array(actions, dtype=np.int64),
         switch_cells=np.reshape(getattr(robot, "switch_cells", []), (-1, 2)).astype(np.int64),
     )

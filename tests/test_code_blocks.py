@@ -51,7 +51,6 @@ class Block:
     language: str
     code: str
     notes: tuple[str, ...]
-    document: str = "README"
 
     @property
     def after(self) -> list[str]:
@@ -86,7 +85,6 @@ def blocks(text: str, name: str = "") -> list[Block]:
             language=found[2],
             code=found[3],
             notes=tuple(re.findall(r"<!-- test: (.+) -->", found[1])),
-            document=document,
         )
         for found in fence.finditer(text)
     ]

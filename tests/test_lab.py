@@ -80,7 +80,9 @@ def test_what_is_someone_elses_is_not_taken_for_it(installed):
 def test_commands_are_told(words, status, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["irs-gym", *words])
     assert lab.main() == status
-    assert capsys.readouterr().out == "usage: irs-gym {train,eval,convert,proof,workbench} [--help]\n"
+    assert (
+        capsys.readouterr().out == "usage: irs-gym {train,eval,convert,proof,workbench} [--help]\n"
+    )
 
 
 def test_a_command_is_that_of_its_module(installed):

@@ -194,5 +194,11 @@ def test_settings_for_rl_zoo3_are_those_of_train(config):
     assert float(zoo.pop("learning_rate").removeprefix("lin_")) == config.learning_rate
     assert zoo.pop("n_timesteps") == config.total_timesteps
     assert zoo.pop("policy") == "MlpPolicy"
-    others = {"total_timesteps", "net_arch", "learning_rate", "final_learning_rate"}
+    others = {
+        "total_timesteps",
+        "net_arch",
+        "learning_rate",
+        "final_learning_rate",
+        "signs",
+    }
     assert zoo == {name: value for name, value in vars(config).items() if name not in others}

@@ -518,6 +518,8 @@ def test_the_public_names_are_all_tried_here():
         "highest_joint_target",
         "switch_front",
         "Bounds",
+        "EuclideanToGo",
+        "Polyline",
         "certified_bounds",
         "euclidean_distance_to_go",
         "straight_line_path",

@@ -198,7 +198,7 @@ def test_new_algorithm_in_one_scene_is_one_file_and_one_row(tmp_path, monkeypatc
         ),
     )
     assert call(["--help"]) == 0
-    assert ",toy,sweep}" in capsys.readouterr().out
+    assert ",toy,sweep,dataset,scenes}" in capsys.readouterr().out
     assert call(["toy", "--help"]) == 0
     assert "The action that it likes." in capsys.readouterr().out
 

@@ -12,7 +12,7 @@ DEMO_SCORE ?= -m eval score $(DEMO_RUN)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help test coverage check docs lint types layers wheel clients workbench fuzz compat demo drill pin clean
+.PHONY: help test coverage check docs site lint types layers wheel clients workbench fuzz compat demo drill pin clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -42,8 +42,10 @@ layers: $(INSTALLED) ## import-linter: who may import whom
 wheel: $(INSTALLED) ## build the wheel, install it alone, step the environment
 	$(BIN)/python .ci/check_wheel.py
 
-docs: $(INSTALLED_DOCS) ## the site into build/docs: every notebook run, every link and docstring's example checked
+site: $(INSTALLED_DOCS) ## the site into build/docs: every notebook run, every link checked
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs build/docs
+
+docs: site ## the site, and the examples in docstrings
 	$(BIN)/python -m pytest $(PYTEST_ARGS) --quiet tests/test_doctests.py
 
 clients: $(INSTALLED) ## the blocks of code for other libraries, each in an environment of its own

@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import Any, Literal
 
 Encoding = Literal["mask", "margin"]
-Track = Literal["scene", "map", "local"]
+Track = Literal["scene", "continuous", "map", "local"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +23,9 @@ class Row:
     title
         Its name on pages.
     track
-        What it learns on: one ``"scene"``, or many, of which its policies see the whole ``"map"``
-        or the ``"local"`` patch around the robot.
+        What it learns on: one ``"scene"``, one where the robot goes anywhere on the floor
+        (``"continuous"``), or many, of which its policies see the whole ``"map"`` or the
+        ``"local"`` patch around the robot.
     config
         The frozen dataclass of its settings, with a default for each, and with its name as
         ``algorithm``.
@@ -63,7 +64,12 @@ class Row:
     @property
     def is_taught(self) -> bool:
         """Whether a teacher improves its network, on a set of scenes in place of environments."""
-        return self.track != "scene" and not self.is_sb3
+        return self.learns_on_many and not self.is_sb3
+
+    @property
+    def learns_on_many(self) -> bool:
+        """Whether it learns on many scenes, and not on one task."""
+        return self.track in ("map", "local")
 
     @property
     def network_name(self) -> str:
@@ -89,6 +95,9 @@ _SWITCHING_DQN: dict[str, Any] = {
     "buffer_size": 300_000,
     "exploration_final_eps": 0.1,
 }
+
+# Where the robot goes anywhere, no path of a network is as short as the oracle's to the last digit.
+_NEVER_EXACT = {"stop_at_optimum": False}
 
 # The order is that of command lines and pages. In one scene, where paths differ by 2 % only, an
 # agent finds the best one much more surely with starts in many places.
@@ -152,6 +161,30 @@ ALGORITHMS: dict[str, Row] = {
         learner="agents.single.q_learning:QLearning",
         env={"random_start": 0.5},
         codebook_agent={"total_timesteps": 3_000_000, "n_envs": 256},
+    ),
+    "continuous_ppo": Row(
+        title="PPO, continuous",
+        track="continuous",
+        config="agents.single.continuous_ppo:ContinuousPpoConfig",
+        learner="stable_baselines3:PPO",
+        env={"random_start": 0.7},
+        training=_NEVER_EXACT,
+    ),
+    "sac": Row(
+        title="SAC",
+        track="continuous",
+        config="agents.single.sac:SacConfig",
+        learner="stable_baselines3:SAC",
+        env={"random_start": 0.7},
+        training=_NEVER_EXACT,
+    ),
+    "td3": Row(
+        title="TD3",
+        track="continuous",
+        config="agents.single.td3:Td3Config",
+        learner="stable_baselines3:TD3",
+        env={"random_start": 0.7},
+        training=_NEVER_EXACT,
     ),
     "planner": Row(
         title="planning network, imitation",
@@ -237,13 +270,18 @@ ALGORITHMS: dict[str, Row] = {
 
 
 def specialists() -> tuple[str, ...]:
-    """The algorithms that learn in one scene."""
+    """The algorithms that learn in one scene, by moves over its grid."""
     return tuple(name for name, row in ALGORITHMS.items() if row.track == "scene")
+
+
+def drivers() -> tuple[str, ...]:
+    """The algorithms that learn in one scene where the robot goes anywhere on the floor."""
+    return tuple(name for name, row in ALGORITHMS.items() if row.track == "continuous")
 
 
 def generalists() -> tuple[str, ...]:
     """The algorithms that learn on many scenes."""
-    return tuple(name for name, row in ALGORITHMS.items() if row.track != "scene")
+    return tuple(name for name, row in ALGORITHMS.items() if row.learns_on_many)
 
 
 def observation_of(algorithm: str) -> Literal["flat", "map"]:

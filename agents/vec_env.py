@@ -16,6 +16,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from irs_gym.envs.codebook_vector_nav import IrsNavCodebookVectorEnv
+from irs_gym.envs.continuous_vector_nav import IrsNavContinuousVectorEnv
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
 from irs_gym.envs.vector_nav import IrsNavVectorEnv
 
@@ -37,12 +38,13 @@ class IrsNavVecEnv(VecEnv):
     render_mode
         ``"rgb_array"`` or ``"ansi"``.
     vector_env
-        What is made: `IrsNavVectorEnv`, `IrsNavRandomVectorEnv` for many scenes, or
-        `IrsNavCodebookVectorEnv` where the robot switches the panel.
+        What is made: `IrsNavVectorEnv`, `IrsNavRandomVectorEnv` for many scenes,
+        `IrsNavCodebookVectorEnv` where the robot switches the panel, or `IrsNavContinuousVectorEnv`
+        where it goes anywhere on the floor.
     **env_kwargs
         Its arguments: the fields of `irs_gym.mdp.task.Task`, of
-        `irs_gym.datasets.random_task.RandomTask` or of
-        `irs_gym.datasets.codebook_task.CodebookTask`.
+        `irs_gym.datasets.random_task.RandomTask`, of `irs_gym.datasets.codebook_task.CodebookTask`
+        or of `irs_gym.datasets.continuous_task.ContinuousTask`.
     """
 
     def __init__(
@@ -52,7 +54,10 @@ class IrsNavVecEnv(VecEnv):
         render_mode: str | None = None,
         *,
         vector_env: type[
-            IrsNavVectorEnv | IrsNavRandomVectorEnv | IrsNavCodebookVectorEnv
+            IrsNavVectorEnv
+            | IrsNavRandomVectorEnv
+            | IrsNavCodebookVectorEnv
+            | IrsNavContinuousVectorEnv
         ] = IrsNavVectorEnv,
         **env_kwargs: Any,
     ) -> None:
@@ -65,7 +70,7 @@ class IrsNavVecEnv(VecEnv):
             **env_kwargs,
         )
         self.render_mode = render_mode
-        self._actions = np.zeros(num_envs, dtype=np.int64)
+        self._actions: NDArray[Any] = np.zeros(num_envs, dtype=np.int64)
         self._return = np.zeros(num_envs)
         self._length = np.zeros(num_envs, dtype=np.int64)
         self._began = time.time()
@@ -92,7 +97,7 @@ class IrsNavVecEnv(VecEnv):
 
         return observation
 
-    def step_async(self, actions: NDArray[np.integer[Any]]) -> None:
+    def step_async(self, actions: NDArray[Any]) -> None:
         """Take the actions of the next step."""
         self._actions = np.asarray(actions)
 
@@ -166,7 +171,7 @@ class IrsNavVecEnv(VecEnv):
     ) -> list[Any]:
         """What a method of each single environment returns; moving one alone is refused."""
         if method_name == "action_masks":  # asked for at every step, and known for all at once
-            values: Any = self.envs.action_masks()
+            values: Any = self.envs.action_masks()  # type: ignore[union-attr]  # of those that have
         else:
             values = self.envs.call(method_name, *method_args, **method_kwargs)
 
@@ -202,6 +207,7 @@ _IDS: dict[type[Any], str] = {
     IrsNavVectorEnv: "IrsNav-v0",
     IrsNavRandomVectorEnv: "IrsNavRandom-v0",
     IrsNavCodebookVectorEnv: "IrsNavCodebook-v0",
+    IrsNavContinuousVectorEnv: "IrsNavContinuous-v0",
 }
 
 

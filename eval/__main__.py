@@ -17,6 +17,10 @@ COMMANDS = {
     "budget": (
         "tell what is learned under budgets, beside the exact optimum, and write docs/budget.md"
     ),
+    "continuous": (
+        "tell what is learned where the robot goes anywhere, beside the exact optimum, "
+        "and write docs/continuous.md"
+    ),
     "ablations": (
         "tell what each part of the task and of the setting is worth in steps to the optimum"
     ),

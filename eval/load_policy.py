@@ -11,7 +11,7 @@ from agents.policies.explorer_policy import Explorer
 from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.model_file import read_network
 from agents.policies.policy import Policy
-from agents.registry import ALGORITHMS, generalists, observation_of, specialists
+from agents.registry import ALGORITHMS, drivers, generalists, observation_of, specialists
 from agents.rollout.episode import SceneTask, arguments_of, env_id_of
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
@@ -140,6 +140,8 @@ def load_policy(
         pretrained: Any = load_pretrained(name, **place.of_one_scene)
         return LoadedPolicy(pretrained, pretrained.make_env(render_mode))
 
+    if name in drivers():
+        raise ValueError(f"there is no pretrained {name}: name a run folder")
     if name in generalists():
         return _generalist(load_pretrained(name).policy, name, place, render_mode)
     if name in REFERENCE_POLICIES:

@@ -12,13 +12,14 @@ from pydantic import TypeAdapter, ValidationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from agents.registry import ALGORITHMS, config_class
-from agents.rollout.episode import SceneTask, arguments_of, check_one_scene
+from agents.rollout.episode import SceneTask, arguments_of, check_one_scene, env_id_of
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run, RunError
 from agents.single.config import check_settings
 from agents.single.dqn import DqnConfig
 from agents.single.ppo_lagrangian import PpoLagrangianConfig, check_bound
 from irs_gym.datasets.codebook_task import CodebookKind, CodebookTask
+from irs_gym.datasets.continuous_task import ContinuousTask
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.datasets.splits import split_of
 from irs_gym.mdp.task import Task, resolved
@@ -85,6 +86,12 @@ class TrainConfig(RunConfig):
         super().__post_init__()
         check_settings(self, "whole", "hold")
         check_one_scene(self.env)
+        goes_anywhere = ALGORITHMS[self.agent.algorithm].track == "continuous"
+        if goes_anywhere != isinstance(self.env, ContinuousTask):
+            needed = "IrsNavContinuous-v0" if goes_anywhere else "moves over a grid"
+            raise ValueError(
+                f"{self.agent.algorithm} learns in {needed}, not in {env_id_of(self.env)}"
+            )
         if isinstance(self.agent, PpoLagrangianConfig):
             check_bound(self.env.rules)
         if (
@@ -150,10 +157,13 @@ def defaults_of(algorithm: str) -> TrainConfig | GeneralistConfig:
     """The tuned settings of an algorithm; raises ``KeyError`` for an unknown one."""
     row = ALGORITHMS[algorithm]
     agent = config_class(algorithm)()
-    if row.track == "scene":
-        return TrainConfig(agent=agent, env=Task(observation="flat", **row.env), **row.training)
+    if row.learns_on_many:
+        return GeneralistConfig(agent=agent, env=Scenes(**row.env), **row.training)
 
-    return GeneralistConfig(agent=agent, env=Scenes(**row.env), **row.training)
+    kind = ContinuousTask if row.track == "continuous" else Task
+    env = kind(**{"observation": "flat", **row.env})
+
+    return TrainConfig(agent=agent, env=env, **row.training)
 
 
 def with_codebook(config: TrainConfig) -> TrainConfig:
@@ -182,6 +192,9 @@ def record_of(config: TrainConfig | GeneralistConfig) -> Config:
         whole = resolved(env.one_scene).arguments
         bits = None if env.is_made else whole.phase_bits  # what is made holds its phases
         env = replace(env, target_db=whole.target_db, phase_bits=bits)
+    elif isinstance(env, ContinuousTask):
+        whole = resolved(env.one_scene()).arguments
+        env = replace(env, target_db=whole.target_db, phase_bits=whole.phase_bits)
 
     return Config(
         algorithm=config.agent.algorithm,
@@ -217,7 +230,7 @@ def parse(algorithm: str, arguments: Sequence[str]) -> TrainConfig | GeneralistC
     """Settings from a command line; ends the program with a message where it is wrong."""
     default = defaults_of(algorithm)
     has_codebook = any(each.split("=")[0] == CODEBOOK_FLAG for each in arguments)
-    if has_codebook and isinstance(default, TrainConfig):
+    if has_codebook and isinstance(default.env, Task):
         default = with_codebook(default)
 
     return tyro.cli(

@@ -1,4 +1,6 @@
-"""`Evaluation`: tests the agent during training, keeps its best state, and says when to stop."""
+"""`Evaluation`: tests the agent during training, keeps its best state, and says when to stop; what
+else is done on the way.
+"""
 
 import signal
 import time
@@ -138,6 +140,22 @@ class Evaluation(BaseCallback):
         if self.best is None or not self.best.is_success:
             return True
         return episode.is_success and episode.distance < self.best.distance
+
+
+class FallingEntropy(BaseCallback):
+    """Lowers the weight of PPO's entropy bonus linearly, over the schedule."""
+
+    def __init__(self, first: float, last: float) -> None:
+        super().__init__()
+        self.first = first
+        self.last = last
+
+    def _on_rollout_end(self) -> None:
+        left = self.model._current_progress_remaining
+        self.model.ent_coef = self.last + (self.first - self.last) * left  # type: ignore[attr-defined]
+
+    def _on_step(self) -> bool:
+        return True
 
 
 class Progress(BaseCallback):

@@ -11,7 +11,6 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from agents.rollout.episode import SceneTask, arguments_of, evaluation_env, scene_task_of
 from agents.runs.manifest import AlgorithmName, Config
 from agents.runs.run_folder import COPIES, Run
-from irs_gym.datasets.codebook_task import CodebookTask
 from irs_gym.files import read_file
 from irs_gym.mdp.task import Task, checked_fields
 from train.config import (
@@ -127,7 +126,7 @@ class Plan(_Table):
         configs = self.configs()
 
         for env in dict.fromkeys(
-            config.env for config in configs if isinstance(config.env, Task | CodebookTask)
+            config.env for config in configs if isinstance(config, TrainConfig)
         ):
             try:
                 evaluation_env(env).close()
@@ -153,7 +152,7 @@ class Plan(_Table):
         where = f"settings.{name}"
         setting = self.settings[name]
         default = defaults_of(algorithm)
-        if "codebook" in setting.env and isinstance(default, TrainConfig):
+        if "codebook" in setting.env and isinstance(default.env, Task):
             default = with_codebook(default)
 
         try:
@@ -174,7 +173,7 @@ def _env_of(default: SceneTask | Scenes, changes: Mapping[str, Any]) -> SceneTas
     arguments = {**arguments_of(default), **changes}
     return (
         scene_task_of(arguments)
-        if isinstance(default, Task | CodebookTask)
+        if not isinstance(default, Scenes)
         else Scenes(**checked_fields(Scenes, arguments, "Scenes"))
     )
 

@@ -20,12 +20,15 @@ from agents.single.model import build_model
 from agents.vec_env import IrsNavVecEnv
 from irs_gym.datasets import scene_set as pools
 from irs_gym.datasets.codebook_task import CodebookTask
+from irs_gym.datasets.continuous_task import ContinuousTask
 from irs_gym.envs.codebook_vector_nav import IrsNavCodebookVectorEnv
+from irs_gym.envs.continuous_vector_nav import IrsNavContinuousVectorEnv
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
 from irs_gym.envs.vector_nav import IrsNavVectorEnv
+from irs_gym.mdp.task import Task
 from train import resume
 from train.config import GeneralistConfig, TrainConfig, defaults_of, record_of, settings_of
-from train.evaluation import Evaluation, Progress
+from train.evaluation import Evaluation, FallingEntropy, Progress
 from train.generalisation import Generalisation
 
 
@@ -123,6 +126,8 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 
     callbacks = [evaluation, resume.Checkpoints(evaluation, config.checkpoint_every)]
     callbacks += [Progress()] if config.progress else []
+    if hasattr(config.agent, "final_ent_coef"):
+        callbacks.append(FallingEntropy(config.agent.ent_coef, config.agent.final_ent_coef))
 
     with noticed(evaluation.interrupt):
         steps = config.agent.total_timesteps - model.num_timesteps
@@ -160,10 +165,11 @@ def _material(config: TrainConfig | GeneralistConfig) -> Any:
     if isinstance(config, TrainConfig):
         # no learner reads more of the infos, and dicts of all of them take longer than the steps
         told = ["cost", "is_success"]
-        is_switched = isinstance(config.env, CodebookTask)
-        kind = IrsNavCodebookVectorEnv if is_switched else IrsNavVectorEnv
+        kind = _VECTOR_ENVS[type(config.env)]
+        named = getattr(config.agent, "env_settings", ())  # a table has none
+        own = {name: getattr(config.agent, name) for name in named}
         return IrsNavVecEnv(
-            config.agent.n_envs, vector_env=kind, infos=told, **arguments_of(config.env)
+            config.agent.n_envs, vector_env=kind, infos=told, **arguments_of(config.env), **own
         )
 
     scenes = _pool(config, config.env.split, config.env.num_scenes)
@@ -178,6 +184,13 @@ def _material(config: TrainConfig | GeneralistConfig) -> Any:
         observation=observation_of(config.agent.algorithm),
         **{name: getattr(config.agent, name) for name in config.agent.env_settings},
     )
+
+
+_VECTOR_ENVS: dict[type[Any], Any] = {
+    Task: IrsNavVectorEnv,
+    CodebookTask: IrsNavCodebookVectorEnv,
+    ContinuousTask: IrsNavContinuousVectorEnv,
+}
 
 
 def _pool(config: GeneralistConfig, split: str, scenes: int) -> pools.SceneSet:

@@ -3,7 +3,6 @@
 from inspect import signature
 from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
 
@@ -16,9 +15,9 @@ class Policy(Protocol):
         state: Any = None,
         episode_start: Any = None,
         deterministic: bool = False,
-    ) -> tuple[NDArray[np.int64], Any]:
+    ) -> tuple[NDArray[Any], Any]:
         """Actions, shape ``()`` for one observation or ``(n,)`` for a batch, and the next state of
-        the policy.
+        the policy; where the robot goes anywhere on the floor, ``(2,)`` or ``(n, 2)``.
 
         Parameters
         ----------

@@ -6,11 +6,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy, takes_masks
 from irs_gym.datasets.codebook_task import CodebookTask, codebook_task_of
-from irs_gym.mdp.budget import OnExhausted
+from irs_gym.datasets.continuous_task import ContinuousTask, continuous_task_of
+from irs_gym.mdp.budget import OnExhausted, range_of
 from irs_gym.mdp.metrics import distance_ratio, soft_spl
 from irs_gym.mdp.task import Task, task_of
 
@@ -40,9 +42,11 @@ class EpisodeResult:
     total_reward
         Undiscounted.
     path
-        int64, shape ``(T, 2)``: cells visited.
+        int64, shape ``(T, 2)``: cells visited; float64 where the robot goes anywhere on the floor:
+        points (x, y) in metres.
     actions
-        int64, shape ``(steps,)``: what was done, refused moves included.
+        int64, shape ``(steps,)``: what was done, refused moves included; float64 ``(steps, 2)``
+        where the robot goes anywhere on the floor.
     switch_cells
         int64, shape ``(n, 2)``: where the panel was switched; none where it follows the robot.
     """
@@ -55,8 +59,10 @@ class EpisodeResult:
     refused: int
     steps: int
     total_reward: float
-    path: NDArray[np.int64]
-    actions: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    path: NDArray[np.int64] | NDArray[np.float64]
+    actions: NDArray[np.int64] | NDArray[np.float64] = field(
+        default_factory=lambda: np.empty(0, np.int64)
+    )
     switch_cells: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
 
     @property
@@ -84,19 +90,24 @@ def arguments_of(task: Any) -> dict[str, Any]:
     return {each.name: getattr(task, each.name) for each in fields(task)}
 
 
-SceneTask = Task | CodebookTask
+SceneTask = Task | CodebookTask | ContinuousTask
 """What an agent learns in one scene."""
 
 
 def scene_task_of(arguments: Mapping[str, Any]) -> SceneTask:
-    """Task of keyword arguments of `gymnasium.make`: with a ``codebook``, of `IrsNavCodebook-v0`.
+    """Task of keyword arguments of `gymnasium.make`: with a ``codebook``, of `IrsNavCodebook-v0`;
+    with a ``field``, of `IrsNavContinuous-v0`.
 
     Raises ``TypeError`` for an unknown name, and ``ValueError`` for a value out of its range.
     """
-    if "codebook" not in arguments:
+    task: SceneTask
+    if "field" in arguments:
+        task = continuous_task_of(arguments)
+    elif "codebook" in arguments:
+        task = codebook_task_of(arguments)
+    else:
         return task_of(arguments)
 
-    task = codebook_task_of(arguments)
     check_one_scene(task)
 
     return task
@@ -104,13 +115,20 @@ def scene_task_of(arguments: Mapping[str, Any]) -> SceneTask:
 
 def check_one_scene(task: SceneTask) -> None:
     """Refuse a task of many scenes by a ``ValueError``."""
-    if isinstance(task, CodebookTask) and task.has_many_scenes:
+    if not isinstance(task, Task) and task.has_many_scenes:
         raise ValueError("split and scenes cannot be given here: this agent learns in one scene")
 
 
 def env_id_of(task: SceneTask) -> str:
     """The environment of a task."""
-    return "irs_gym:IrsNavCodebook-v0" if isinstance(task, CodebookTask) else "irs_gym:IrsNav-v0"
+    return f"irs_gym:{_IDS[type(task)]}"
+
+
+_IDS: dict[type[SceneTask], str] = {
+    Task: "IrsNav-v0",
+    CodebookTask: "IrsNavCodebook-v0",
+    ContinuousTask: "IrsNavContinuous-v0",
+}
 
 
 def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
@@ -126,9 +144,9 @@ def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
         Where it cannot be made; an infeasible target included.
     """
     tested: SceneTask = replace(task, random_start=False)
-    if isinstance(tested, Task):
+    if not isinstance(tested, CodebookTask):
         on_exhausted: OnExhausted = "continue" if tested.on_exhausted == "continue" else "terminate"
-        least = tested.rules.least_budget
+        least = None if tested.budget is None else min(range_of(tested.budget))
         tested = replace(tested, budget=least, on_exhausted=on_exhausted)
 
     return gymnasium.make(env_id_of(task), **arguments_of(tested))
@@ -147,13 +165,14 @@ def roll_out(
     seed: int | None = None,
     options: dict[str, Any] | None = None,
 ) -> EpisodeResult:
-    """Play one episode of an `IrsNav-v0`, `IrsNavRandom-v0` or `IrsNavCodebook-v0` made by
-    `gymnasium.make`, which bounds its length.
+    """Play one episode of an environment of this package made by `gymnasium.make`, which bounds its
+    length.
     """
     is_masked = takes_masks(policy)
+    is_discrete = isinstance(env.action_space, spaces.Discrete)
     observation, start = env.reset(seed=seed, options=options)
     info = start
-    actions: list[int] = []
+    actions: list[Any] = []
     total_reward = 0.0
     state = None
     is_over = False
@@ -163,8 +182,10 @@ def roll_out(
         is_first = np.array([not actions])
         mask = {"action_masks": info["action_mask"]} if is_masked else {}
         action, state = policy.predict(observation, state, is_first, deterministic, **mask)
-        actions.append(int(action))
-        observation, reward, is_terminated, is_truncated, info = env.step(actions[-1])
+        actions.append(int(action) if is_discrete else np.asarray(action, dtype=np.float64))
+        observation, reward, is_terminated, is_truncated, info = env.step(
+            actions[-1] if is_discrete else action
+        )
         total_reward = total_reward + float(reward)
         is_over = is_terminated or is_truncated
         has_missed = has_missed or _misses(info)
@@ -180,11 +201,13 @@ def roll_out(
         progress=0.0
         if has_missed
         else max(0.0, 1.0 - robot.distance_to_go / start["oracle_distance"]),
-        # steps that led nowhere: neither a move nor a switch of the panel
-        refused=len(actions) - (len(path) - 1) - info.get("switches", 0),
+        # steps that led nowhere: neither a move nor a switch of the panel; or that were cut short
+        refused=len(actions) - (len(path) - 1) - info.get("switches", 0)
+        if is_discrete
+        else info["refused"],
         steps=len(actions),
         total_reward=total_reward,
         path=path,
-        actions=np.array(actions, dtype=np.int64),
+        actions=np.array(actions),
         switch_cells=np.reshape(getattr(robot, "switch_cells", []), (-1, 2)).astype(np.int64),
     )

@@ -50,7 +50,7 @@ def _path(algorithm: str, scene: Scene) -> NDArray[np.int64]:
     path = roll_out(policy, env).path
     env.close()
 
-    return path
+    return path.astype(np.int64)
 
 
 @lru_cache

@@ -11,8 +11,10 @@ import numpy as np
 
 from agents.rollout.episode import SceneTask
 from irs_gym.datasets.codebook_task import CodebookTask
+from irs_gym.datasets.continuous_task import ContinuousTask
 from irs_gym.grid import Cell
 from irs_gym.mdp.budget import Budget, OnExhausted, range_of
+from irs_gym.mdp.continuous_maps import FieldKind
 from irs_gym.mdp.cost import CostKind, cost_map
 from irs_gym.mdp.robot import Collision
 from irs_gym.mdp.task import Constraint, ForeignMap, resolved
@@ -22,6 +24,7 @@ from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene, load_scene, scene_names
 
 PAPER_ELEMENTS = (1200,)
+_MOTION = ("field", "speed", "time_step", "goal_radius", "start", "goal")  # of continuous tasks
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,9 @@ class Problem:
     cost: CostKind | None
     budget: Budget | None
     on_exhausted: OnExhausted | None
-    start: Cell | None
-    goal: Cell | None
+    start: Cell | tuple[float, float] | None
+    """A cell; where the robot goes anywhere on the floor, a point in metres."""
+    goal: Cell | tuple[float, float] | None
     corner_cutting: bool = True
     robot_radius: float = 0.0
     collision: Collision = "centre"
@@ -60,6 +64,14 @@ class Problem:
     where phases follow the robot.
     """
     switch_cost: float | None = None
+    """Metres."""
+    field: FieldKind | None = None
+    """What the gain at a point is, where the robot goes anywhere on the floor; None on the grid."""
+    speed: float | None = None
+    """Metres a second."""
+    time_step: float | None = None
+    """Seconds."""
+    goal_radius: float | None = None
     """Metres."""
 
     @property
@@ -98,6 +110,15 @@ class Problem:
         ]
         if self.codebook is not None:
             parts += [f"codebook {self.codebook}", f"{self.switch_cost:g} m a switch"]
+
+        if self.field is not None:
+            parts.append(f"continuous over {self.field}")
+            usual_motion = {"speed": 1.0, "time_step": 0.5, "goal_radius": 0.25}
+            parts += [
+                f"{name.replace('_', ' ')} {getattr(self, name):g}"
+                for name, value in usual_motion.items()
+                if getattr(self, name) != value
+            ]
 
         return ", ".join(parts)
 
@@ -139,6 +160,10 @@ def problem_of(task: SceneTask) -> Problem:
         return replace(
             whole_map, codebook=_codebook_name(task.codebook), switch_cost=task.switch_cost
         )
+
+    if isinstance(task, ContinuousTask):
+        motion = {name: getattr(task, name) for name in _MOTION}
+        return replace(problem_of(task.one_scene()), **motion)
 
     whole = resolved(task)
     task = whole.arguments

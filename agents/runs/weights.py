@@ -18,12 +18,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from agents.networks.map_network import FILE_BYTES
 from agents.policies.model_file import read_network
-from agents.registry import ALGORITHMS, config_class, learner_class, named, observation_of
+from agents.registry import ALGORITHMS, config_class, learner_class, observation_of
 from agents.rollout.episode import SceneTask, evaluation_env
 from agents.runs.manifest import Config
 from agents.single.config import Sb3Config
 from agents.single.mixture import Mixture
-from agents.single.model import first_layer, policy_kwargs, policy_name
+from agents.single.model import first_layer, policy_class, policy_kwargs
 from irs_gym.datasets.splits import split_of
 from irs_gym.files import read_arrays
 from irs_gym.grid import MOVES
@@ -33,7 +33,7 @@ from irs_gym.mdp.task import Task
 _IDLE = (
     "value_net",
     "target",
-    "lstm_critic",
+    "critic",
     "vf_features_extractor",
 )  # parts of names: for training alone
 _ROUNDING = 1e-9
@@ -115,7 +115,10 @@ def _mixed(mixture: Mixture) -> dict[str, NDArray[Any]]:
 
 
 def _remix(
-    config: Config, space: spaces.Space[Any], actions: int, arrays: dict[str, NDArray[Any]]
+    config: Config,
+    space: spaces.Space[Any],
+    actions: spaces.Space[Any],
+    arrays: dict[str, NDArray[Any]],
 ) -> Mixture:
     """The mixture of the policies with these weights."""
     shares = arrays.pop("shares", np.zeros(0))
@@ -145,25 +148,32 @@ def _read(content: bytes) -> dict[str, NDArray[Any]]:
         raise WeightsError(str(error)) from None
 
 
-def _spaces_of(config: Config, task: SceneTask | None) -> tuple[spaces.Space[Any], int]:
-    """What the policy sees, and how many actions it has."""
+def _spaces_of(
+    config: Config, task: SceneTask | None
+) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
+    """What the policy sees, and what it does."""
     if task is not None:
         env = evaluation_env(task)
-        return env.observation_space, actions_of(env.action_space)
+        return env.observation_space, env.action_space
 
     seen = observation_of(config.algorithm)
     frame = split_of(str(config.env.get("split"))).frame
 
-    return Packing(seen, 2 * Task.patch_radius + 1, _IRS_OF_MANY_SCENES, frame).space, len(MOVES)
+    packing = Packing(seen, 2 * Task.patch_radius + 1, _IRS_OF_MANY_SCENES, frame)
+
+    return packing.space, spaces.Discrete(len(MOVES))
 
 
 def actions_of(space: Any) -> int:
-    """How many actions there are in a discrete space."""
-    return int(space.n)
+    """How many actions there are in a discrete space, or numbers in one of a box."""
+    return int(space.n if isinstance(space, spaces.Discrete) else spaces.flatdim(space))
 
 
 def _rebuild(
-    config: Config, space: spaces.Space[Any], actions: int, weights: Mapping[str, NDArray[Any]]
+    config: Config,
+    space: spaces.Space[Any],
+    actions: spaces.Space[Any],
+    weights: Mapping[str, NDArray[Any]],
 ) -> Any:
     """The policy of Stable-Baselines3 with these weights, which must be all that act."""
     import torch
@@ -175,14 +185,13 @@ def _rebuild(
             f"its settings are wrong: {error.errors(include_url=False)[0]['msg']}"
         ) from None
 
-    if _least(agent, space, actions) > sum(
+    if _least(agent, space, actions_of(actions)) > sum(
         each.size for each in weights.values()
     ):  # before networks are made that fill memory
         raise WeightsError("it does not fit its configuration, whose networks are larger")
 
-    row = ALGORITHMS[config.algorithm]
-    make = named(row.mixes or row.learner).policy_aliases[policy_name(agent, space)]
-    policy = make(space, spaces.Discrete(actions), lambda _: 0.0, **policy_kwargs(agent))
+    make = policy_class(agent, space)
+    policy = make(space, actions, lambda _: 0.0, **policy_kwargs(agent))
     wanted = {
         name: _kind(each.numpy()) for name, each in policy.state_dict().items() if _acts(name)
     }

@@ -22,6 +22,7 @@ _NOT_THE_MODELS = (
     "n_envs",
     "learning_rate",
     "final_learning_rate",
+    "final_ent_coef",
     "signs",
 )
 
@@ -40,7 +41,7 @@ def build_model(config: Any, env: VecEnv, seed: int) -> Any:
     own = {name: value for name, value in asdict(config).items() if name not in elsewhere}
 
     return learner(
-        policy_name(config, env.observation_space),
+        policy_class(config, env.observation_space),
         env,
         learning_rate=LinearSchedule(config.learning_rate, config.final_learning_rate, 1.0),
         policy_kwargs=policy_kwargs(config),
@@ -48,6 +49,17 @@ def build_model(config: Any, env: VecEnv, seed: int) -> Any:
         device="cpu",  # faster than a GPU for networks this small
         **own,
     )
+
+
+def policy_class(config: Sb3Config, space: spaces.Space[Any]) -> Any:
+    """The class of the policy for these observations: the settings' own, or one of SB3's."""
+    own = getattr(config, "policy", None)
+    if own is not None:
+        return named(own)
+
+    row = ALGORITHMS[config.algorithm]
+
+    return named(row.mixes or row.learner).policy_aliases[policy_name(config, space)]
 
 
 def policy_name(config: Sb3Config, space: spaces.Space[Any]) -> str:

@@ -14,7 +14,7 @@ from matplotlib.transforms import Affine2D
 
 from agents.rollout.episode import EpisodeResult
 from eval.pictures import add_legend, as_png
-from irs_gym.mdp.codebook_rules import reach_world
+from irs_gym.mdp.codebook_rules import CodebookMaps, reach_world
 from irs_gym.mdp.task import World
 
 BROAD: dict[str, Any] = {"color": "white", "linewidth": 5.0, "linestyle": "-"}
@@ -44,7 +44,9 @@ def draw_path_overlay(
     bar.ax.axhline(world.target_db, color="black", linewidth=1.5)
 
     for n, (name, episode) in enumerate(paths.items()):
-        points = world.radio_map.grid.centres()[tuple(episode.path.T)]  # (T, 2)
+        points = episode.path  # (T, 2)
+        if points.dtype.kind == "i":  # cells
+            points = world.radio_map.grid.centres()[tuple(points.T)]
         failure = "" if episode.is_success else ", goal not reached"
         label = f"{name}: {episode.distance:.3f} m{failure}"
         line = axes.plot(*points.T, label=label, solid_capstyle="round", **_style(n))[0]
@@ -81,7 +83,8 @@ def map_of(env: Any) -> World:
     its configurations reach.
     """
     robot = env.unwrapped
-    return reach_world(robot.maps, 0) if hasattr(robot, "maps") else robot.world
+    maps = getattr(robot, "maps", None)
+    return reach_world(maps, 0) if isinstance(maps, CodebookMaps) else robot.world
 
 
 def _style(n: int) -> dict[str, Any]:

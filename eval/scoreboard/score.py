@@ -10,10 +10,12 @@ import gymnasium
 import numpy as np
 
 from agents.policies.codebook_heuristics import CODEBOOK_REFERENCES
+from agents.policies.continuous_heuristics import CONTINUOUS_REFERENCES
 from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.policy import Policy
 from agents.rollout.episode import EpisodeResult, roll_out
 from agents.single.mixture import Mixture
+from irs_gym.mdp.continuous_maps import ContinuousMaps
 
 RANDOM = (
     "masked_random",
@@ -75,7 +77,9 @@ def play_references(
     ``episodes`` is how many the random policies and mixtures play; one is enough for all others.
     """
     robot: Any = env.unwrapped
-    known = CODEBOOK_REFERENCES if hasattr(robot, "maps") else REFERENCE_POLICIES
+    maps = getattr(robot, "maps", None)
+    known: Any = REFERENCE_POLICIES if maps is None else CODEBOOK_REFERENCES
+    known = CONTINUOUS_REFERENCES if isinstance(maps, ContinuousMaps) else known
     references = {name: make(env, seed) for name, make in known.items()}
     policies = {"oracle": references.pop("oracle"), **learned, **references}
     return {

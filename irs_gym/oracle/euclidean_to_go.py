@@ -13,10 +13,10 @@ from irs_gym.oracle.sight import Sight, in_cells
 from irs_gym.oracle.straight_line import without_repeats
 from irs_gym.oracle.visibility_graph import corners_of, is_taut, search
 
-_SIGHT_BYTES = 100  # gone over for each corner, and each corner or cell that it could see
+_PAIR_BYTES = 100  # gone over for each corner, and each corner or cell that it could see,
+_COLUMN_BYTES = 12  # and for each column that may be between them
 _BLOCK = 2**20  # cells and corners that are looked at together
-# In cells: distances from two points of a cell differ by no more, and from its centre by half.
-_ACROSS = 2**0.5 + 1e-6
+_DIAGONAL = 2**0.5 + 1e-6  # of a cell, beyond all rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +204,9 @@ def euclidean_distance_to_go(
     check_memory(
         f"feasible: lines of sight of {len(corners)} corners and {len(cells)} cells",
         0,
-        _SIGHT_BYTES * len(corners) * (len(corners) + len(cells)),
+        float(_PAIR_BYTES + _COLUMN_BYTES * max(feasible.shape))
+        * len(corners)
+        * (len(corners) + len(cells)),
     )
 
     # from the goal to the corners, and to the centres of all cells
@@ -249,9 +251,9 @@ def _candidates(
     """Which of the points a shortest path may lead to first from anywhere in a cell, as the
     ``offsets`` and ``candidates`` of an `EuclideanToGo`.
 
-    The distance to go, and the way over a point that is seen, change by no more from the centre of
-    a cell to where they are equal than the way there is long: so they differ at the centre by twice
-    that at the most. And a cell lies in one quadrant of each corner.
+    Neither the distance to go nor that over a point that is seen changes by more between a cell's
+    centre and a point of it than half of its diagonal: where they are equal at the point, they
+    differ at the centre by no more than a diagonal. And a cell lies in one quadrant of each corner.
 
     Parameters
     ----------
@@ -267,7 +269,7 @@ def _candidates(
     for block in np.array_split(cells, len(cells) * len(points) // _BLOCK + 1):
         apart = points - (block[:, None] + 0.5)  # (B, V, 2)
         way = lengths + np.hypot(apart[..., 0], apart[..., 1])
-        may_be = np.abs(way - to_go[tuple(block.T)][:, None]) <= _ACROSS
+        may_be = np.abs(way - to_go[tuple(block.T)][:, None]) <= _DIAGONAL
         cell, candidate = np.nonzero(may_be & is_taut(apart, bends))
         number[tuple(block.T)] = np.bincount(cell, minlength=len(block))
         candidates.append(candidate.astype(np.int32))

@@ -19,6 +19,7 @@ from agents.registry import (
     ALGORITHMS,
     Row,
     config_class,
+    drivers,
     generalists,
     learner_class,
     named,
@@ -155,7 +156,9 @@ def test_defaults_of_runs_are_those_of_the_row(name):
 
 
 def test_each_algorithm_learns_in_one_scene_or_on_many():
-    assert (*specialists(), *generalists()) == tuple(ALGORITHMS)  # in the order of command lines
+    assert (*specialists(), *drivers(), *generalists()) == tuple(
+        ALGORITHMS
+    )  # in the order of command lines
     assert {observation_of(name) for name in generalists()} == {"flat", "map"}
     assert len({row.title for row in ALGORITHMS.values()}) == len(ALGORITHMS)
 
@@ -169,8 +172,9 @@ def test_unknown_algorithm_in_a_sweep_is_answered_by_all_that_there_are(tmp_path
         Plan.load(sweep)
 
 
-def test_pretrained_models_are_kept_of_all_but_tables_and_mixtures():
-    assert set(get_args(Kept)) == set(ALGORITHMS) - {"q_learning", "ppo_lagrangian"}
+def test_pretrained_models_are_kept_of_all_but_tables_mixtures_and_headings():
+    others = {"q_learning", "ppo_lagrangian", *drivers()}
+    assert set(get_args(Kept)) == set(ALGORITHMS) - others
 
 
 @pytest.fixture

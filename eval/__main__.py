@@ -35,6 +35,9 @@ COMMANDS = {
     "generalisation": (
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
     ),
+    "intervals": (
+        "make every interval in docs/ anew from the results beside it, and write docs/intervals.md"
+    ),
     "bounds": (
         "prove how short a continuous path can be in the paper's scene, and write docs/bounds.md"
     ),

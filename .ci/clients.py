@@ -1,5 +1,5 @@
-"""Run the README's blocks for other libraries, each in an environment of its own on top of this
-one.
+"""Run the blocks of code for other libraries, and what tests need them, each in an environment of
+its own on top of this one.
 
 These libraries pin versions of Gymnasium and others that differ from ours and from each other, so
 none of them can be part of ``make test``, which names the blocks that it leaves to this script.
@@ -25,8 +25,10 @@ CLIENTS: dict[str, tuple[str, ...]] = {
     "tianshou": ("tianshou==2.0.1",),
     "torchrl": ("torchrl==0.14.1",),
     "minari": ("minari[create,hdf5]==0.5.4",),
-    "d3rlpy": ("d3rlpy==2.8.1",),  # pins gymnasium 1.0.0
-    "imitation": ("imitation==1.0.1",),  # pins gymnasium 0.29 and stable-baselines3 2.2
+    "d3rlpy": ("d3rlpy==2.8.1", "minari[hdf5]==0.5.4"),  # pins gymnasium 1.0.0
+    # pins gymnasium 0.29 and stable-baselines3 2.2
+    "imitation": ("imitation==1.0.1", "minari[hdf5]==0.5.4"),
+    "mlcroissant": ("mlcroissant==1.1.1", "minari[hdf5]==0.5.4"),
     "cleanrl": ("gymnasium==0.29.1", "stable-baselines3==2.2.1"),  # its pin, and the last for it
     "ray.rllib": ("ray[rllib]==2.60.0",),  # pins gymnasium 1.2
     "mo_gymnasium": ("mo-gymnasium==1.3.2",),
@@ -39,8 +41,8 @@ SOURCE_ONLY = "gym"  # old, pure Python, and never published as a wheel
 CLEANRL = "https://raw.githubusercontent.com/vwxyzjn/cleanrl/fe8d8a03c41a7ef5b523e2e354bd01c363e786bb/cleanrl/ppo.py"
 
 
-def build(client: str, folder: Path) -> Path:
-    """Make the client's environment in the folder; returns its Python."""
+def create(folder: Path) -> Path:
+    """Make an environment in the folder, on top of this one; returns its Python."""
     venv.create(folder, with_pip=True)
     scripts = folder / ("Scripts" if os.name == "nt" else "bin")
     python = scripts / "python"
@@ -48,6 +50,12 @@ def build(client: str, folder: Path) -> Path:
     packages = Path(subprocess.check_output(ask, text=True).strip())
     (packages / "below.pth").write_text(sysconfig.get_path("purelib") + "\n")
 
+    return python
+
+
+def build(client: str, folder: Path) -> Path:
+    """Make the client's environment in the folder; returns its Python."""
+    python = create(folder)
     torch = next(
         line
         for line in (ROOT / "constraints.txt").read_text().splitlines()
@@ -108,7 +116,8 @@ def check(client: str) -> bool:
             "--quiet",
             "-p",
             "no:cacheprovider",
-            "tests/test_readme.py",
+            "tests/test_code_blocks.py",
+            "tests/train/test_datasets.py",
             "-k",
             f"needs_{client}",
         ]

@@ -88,6 +88,7 @@ def _tested_every(steps: int) -> dict[str, int]:
 # refused: networks that see the mask learn not to try them, those that are told which cells and
 # configurations meet the target learn where a switch pays, and so do more steps and more
 # exploration.
+_SWITCHING_PPO: dict[str, Any] = {"signs": True, "gae_lambda": 0.95}
 _SWITCHING_DQN: dict[str, Any] = {
     "signs": True,
     "total_timesteps": 700_000,
@@ -112,8 +113,8 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.ppo:PpoConfig",
         learner="stable_baselines3:PPO",
         env={"random_start": 0.7},
-        codebook_env={"observation": "masked"},
-        codebook_agent={"signs": True},
+        codebook_env={"observation": "masked", "random_start": 0.9},
+        codebook_agent=_SWITCHING_PPO,
     ),
     "maskable_ppo": Row(
         title="MaskablePPO",
@@ -121,7 +122,8 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.maskable_ppo:MaskablePpoConfig",
         learner="sb3_contrib:MaskablePPO",
         env={"random_start": 0.7},
-        codebook_agent={"signs": True},
+        codebook_env={"random_start": 0.9},
+        codebook_agent=_SWITCHING_PPO,
     ),
     "ppo_lagrangian": Row(
         title="PPO-Lagrangian",

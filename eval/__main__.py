@@ -35,14 +35,22 @@ COMMANDS = {
     "generalisation": (
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
     ),
+    "intervals": (
+        "make every interval in docs/ anew from the results beside it, and write docs/intervals.md"
+    ),
     "bounds": (
         "prove how short a continuous path can be in the paper's scene, and write docs/bounds.md"
     ),
     "grids": "compare the oracle with the lengths that the MovingAI benchmarks publish",
+    "submit": "write an agent's episodes on a track of the leaderboard, to hand in",
+    "verify": "play submissions anew, and accept or refuse each",
+    "leaderboard": "verify all submissions of a folder and write docs/leaderboard.md",
     "speed": "time the environments beside others",
     "pretrain": "keep the best policy of each algorithm on each problem in models/",
+    "cards": "write the model cards of models/, from its manifest",
     "watch": "show a pretrained model, a run or a reference policy on its way",
     "play": "steer the robot from the keyboard",
+    "workbench": "time the workbench in a browser and draw docs/figures/workbench.png",
     "animate": "write an episode of a run or of a reference policy as a GIF",
 }
 

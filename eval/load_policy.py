@@ -103,7 +103,7 @@ class LoadedPolicy:
 
 
 def load_policy(
-    name: str, place: Place, render_mode: str, *, model: str = "best", seed: int = 0
+    name: str, place: Place, render_mode: str | None, *, model: str = "best", seed: int = 0
 ) -> LoadedPolicy:
     """The policy of that name, and an environment for it that renders in a mode.
 
@@ -151,7 +151,7 @@ def load_policy(
     raise ValueError(f"{name!r} is neither a run folder nor one of {known}")
 
 
-def _of_run(run: Run, place: Place, render_mode: str, model: str) -> LoadedPolicy:
+def _of_run(run: Run, place: Place, render_mode: str | None, model: str) -> LoadedPolicy:
     if run.is_generalist:
         return _generalist(run.load_model(model), run.config.algorithm, place, render_mode)
 
@@ -164,11 +164,13 @@ def _of_run(run: Run, place: Place, render_mode: str, model: str) -> LoadedPolic
     return LoadedPolicy(run.load_model(model), _in_task(run.task, render_mode))
 
 
-def _generalist(policy: Any, algorithm: str, place: Place, render_mode: str) -> LoadedPolicy:
+def _generalist(policy: Any, algorithm: str, place: Place, render_mode: str | None) -> LoadedPolicy:
     return _on_scenes(policy, observation_of(algorithm), place, render_mode)
 
 
-def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) -> LoadedPolicy:
+def _on_scenes(
+    policy: Any, observation: str, place: Place, render_mode: str | None
+) -> LoadedPolicy:
     arguments, number = place.scenes()
     env = gymnasium.make(
         "irs_gym:IrsNavRandom-v0", render_mode=render_mode, observation=observation, **arguments
@@ -181,7 +183,7 @@ def _on_scenes(policy: Any, observation: str, place: Place, render_mode: str) ->
 
 
 def _reference(
-    make: Callable[[gymnasium.Env[Any, Any]], Policy], place: Place, render_mode: str
+    make: Callable[[gymnasium.Env[Any, Any]], Policy], place: Place, render_mode: str | None
 ) -> LoadedPolicy:
     if place.split is None and place.scene_id is None:
         env = _in_task(Task(**place.given), render_mode)
@@ -192,6 +194,6 @@ def _reference(
     return replace(blank, policy=make(blank.env))
 
 
-def _in_task(task: SceneTask, render_mode: str) -> gymnasium.Env[Any, Any]:
+def _in_task(task: SceneTask, render_mode: str | None) -> gymnasium.Env[Any, Any]:
     arguments = arguments_of(replace(task, random_start=False))
     return gymnasium.make(env_id_of(task), render_mode=render_mode, **arguments)

@@ -43,7 +43,8 @@ def missing(item: pytest.Item) -> list[str]:
 def pytest_configure(config: pytest.Config) -> None:
     """Say what the marker means."""
     config.addinivalue_line(
-        "markers", "needs(package, ...): runs where these are installed; see .ci/clients.py"
+        "markers",
+        "needs(package, ...): runs where these are installed; see .ci/clients.py and .ci/workbench.py",
     )
 
 
@@ -70,5 +71,5 @@ def pytest_terminal_summary(
     names = config.stash.get(LEFT_OUT, [])
     if names:
         terminalreporter.write_line(
-            f"deselected, since `make clients` runs them: {', '.join(names)}"
+            f"deselected, since `make clients` or `make workbench` runs them: {', '.join(names)}"
         )

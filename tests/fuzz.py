@@ -2,8 +2,8 @@
 that reads any.
 
 Each target mutates what is valid, so that most of the way in is passed: scene files, map files,
-arguments of the public functions and environments, run folders, and command lines of ``train`` and
-``eval``, which are read and checked but not run. An input may be taken, or refused by a clear error
+arguments of the public functions and environments, submissions, run folders, and command lines of
+``train`` and ``eval``, which are read and checked but not run. An input may be taken, or refused by a clear error
 of the project's own; anything else is a failure:
 
 - an exception that is no ``ValueError`` or ``TypeError`` raised by a line of this project, and no
@@ -21,6 +21,7 @@ import contextlib
 import copy
 import faulthandler
 import functools
+import gzip
 import io
 import json
 import os
@@ -662,6 +663,48 @@ def plans(folder: Path) -> Callable[[], None]:
     return target
 
 
+# --- submissions ----------------------------------------------------------------------------------
+
+
+def submissions(folder: Path) -> Callable[[], None]:
+    """Submissions to the leaderboard, plain and packed: what is taken is what was done."""
+    from eval.leaderboard.replay import submission_of, verify
+    from eval.leaderboard.submission import Agent, load
+    from eval.leaderboard.track import TRACKS
+
+    track = TRACKS["paper-61.8dB-continuous"]
+    env = track.make_env(observation="cell")
+    env.reset()
+    inner: Any = env.unwrapped
+    way = []
+    while inner.distance_to_go > 0:
+        way.append(int(inner.optimal_actions()[0]))
+        env.step(way[-1])
+
+    agent = Agent(name="oracle", authors="We", version="1", commit=None)
+    valid = submission_of(track, [way], agent)
+    tree = json.loads(valid.model_dump_json())
+    letters = st.text("01234567abcdefgh89x", max_size=3)
+
+    @given(changes, damages, st.integers(0, 60), letters, st.booleans())
+    def target(wanted: Any, broken: Any, step: int, more: str, is_packed: bool) -> None:
+        changed = copy.deepcopy(tree)
+        actions = changed["episodes"][0]["actions"]
+        changed["episodes"][0]["actions"] = actions[:step] + more + actions[step + len(more) :]
+        content = damaged(as_json(mutated(changed, wanted)), broken)
+        file = folder / "submission.json"
+        file.write_bytes(gzip.compress(content) if is_packed else content)
+
+        with judged():
+            found = verify(load(file))
+            (outcome,) = found.outcomes
+            (claimed,) = found.submission.episodes
+            assert (outcome.is_success, outcome.distance) == (claimed.is_success, claimed.distance)
+            assert found.submission.scores == found.scores
+
+    return target
+
+
 # --- run folders ----------------------------------------------------------------------------------
 
 
@@ -886,6 +929,7 @@ TARGETS: dict[str, Callable[[Path], Callable[[], None]]] = {
     "maps": maps,
     "plans": plans,
     "arguments": arguments,
+    "submissions": submissions,
     "runs": runs,
     "commands": commands,
 }

@@ -517,5 +517,11 @@ def test_the_public_names_are_all_tried_here():
         "joint_distance_to_go",
         "highest_joint_target",
         "switch_front",
+        "Bounds",
+        "EuclideanToGo",
+        "Polyline",
+        "certified_bounds",
+        "euclidean_distance_to_go",
+        "straight_line_path",
     }  # results, data; tests of their own
     assert all(name in source for name in {*irs_gym.__all__} - untried)

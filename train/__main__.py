@@ -1,5 +1,6 @@
 """`python -m train ALGORITHM` trains an agent and writes a run folder; `python -m train sweep FILE`
-trains many.
+trains many; `python -m train dataset` and `python -m train scenes` write what there is to learn
+from.
 """
 
 import sys
@@ -21,9 +22,11 @@ def main() -> int:
     name, *arguments = sys.argv[1:] or ["--help"]
     if name == "sweep":
         return _sweep(arguments)
+    if name in ("dataset", "scenes"):
+        return _datasets(name, arguments)
 
     if name not in ALGORITHMS:
-        print(f"usage: python -m train {{{','.join(ALGORITHMS)},sweep}} [--help]")
+        print(f"usage: python -m train {{{','.join(ALGORITHMS)},sweep,dataset,scenes}} [--help]")
         return 0 if name in ("-h", "--help") else 2
 
     return _train(name, arguments)
@@ -58,6 +61,19 @@ def _train(algorithm: str, arguments: Sequence[str]) -> int:
         return 128 + evaluation.signal if evaluation.is_interrupted else 0
 
     return interruptible(program, train_and_tell, ALL)
+
+
+def _datasets(name: str, arguments: Sequence[str]) -> int:
+    import tyro
+
+    from train.datasets import commands
+
+    program = f"python -m train {name}"
+    command = getattr(commands, name)
+    flat = (tyro.conf.OmitArgPrefixes,)
+    run = partial(tyro.cli, command, args=arguments, prog=program, config=flat)
+
+    return interruptible(program, run, ALL)
 
 
 def _sweep(arguments: Sequence[str]) -> int:

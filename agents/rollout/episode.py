@@ -44,6 +44,9 @@ class EpisodeResult:
     path
         int64, shape ``(T, 2)``: cells visited; float64 where the robot goes anywhere on the floor:
         points (x, y) in metres.
+    actions
+        int64, shape ``(steps,)``: what was done, refused moves included; float64 ``(steps, 2)``
+        where the robot goes anywhere on the floor.
     switch_cells
         int64, shape ``(n, 2)``: where the panel was switched; none where it follows the robot.
     """
@@ -57,6 +60,9 @@ class EpisodeResult:
     steps: int
     total_reward: float
     path: NDArray[np.int64] | NDArray[np.float64]
+    actions: NDArray[np.int64] | NDArray[np.float64] = field(
+        default_factory=lambda: np.empty(0, np.int64)
+    )
     switch_cells: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
 
     @property
@@ -166,19 +172,20 @@ def roll_out(
     is_discrete = isinstance(env.action_space, spaces.Discrete)
     observation, start = env.reset(seed=seed, options=options)
     info = start
-    steps = 0
+    actions: list[Any] = []
     total_reward = 0.0
     state = None
     is_over = False
     has_missed = False
 
     while not is_over:
-        is_first = np.array([steps == 0])
+        is_first = np.array([not actions])
         mask = {"action_masks": info["action_mask"]} if is_masked else {}
         action, state = policy.predict(observation, state, is_first, deterministic, **mask)
-        move = int(action) if is_discrete else action
-        observation, reward, is_terminated, is_truncated, info = env.step(move)
-        steps = steps + 1
+        actions.append(int(action) if is_discrete else np.asarray(action, dtype=np.float64))
+        observation, reward, is_terminated, is_truncated, info = env.step(
+            actions[-1] if is_discrete else action
+        )
         total_reward = total_reward + float(reward)
         is_over = is_terminated or is_truncated
         has_missed = has_missed or _misses(info)
@@ -195,11 +202,12 @@ def roll_out(
         if has_missed
         else max(0.0, 1.0 - robot.distance_to_go / start["oracle_distance"]),
         # steps that led nowhere: neither a move nor a switch of the panel; or that were cut short
-        refused=steps - (len(path) - 1) - info.get("switches", 0)
+        refused=len(actions) - (len(path) - 1) - info.get("switches", 0)
         if is_discrete
         else info["refused"],
-        steps=steps,
+        steps=len(actions),
         total_reward=total_reward,
         path=path,
+        actions=np.array(actions),
         switch_cells=np.reshape(getattr(robot, "switch_cells", []), (-1, 2)).astype(np.int64),
     )

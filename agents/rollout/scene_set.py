@@ -21,6 +21,7 @@ from irs_gym.mdp.task import Observation
 from irs_gym.vector.many_scenes import build_many_scenes
 
 Ints = NDArray[np.int64]
+NOTHING = np.int8(-1)  # in place of an action, after the end of an episode
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +34,15 @@ class SceneSetResults:
         Whether the robot reached the goal.
     distance, oracle_distance
         Metres travelled, and of the shortest feasible path.
+    actions
+        int8, shape ``(S, T)``: what was done, refused moves included, and -1 after the end of an
+        episode; None where that was not kept.
     """
 
     is_success: NDArray[np.bool_]
     distance: NDArray[np.float64]
     oracle_distance: NDArray[np.float64]
+    actions: NDArray[np.int8] | None = None
 
     @property
     def spl(self) -> NDArray[np.float64]:
@@ -108,9 +113,10 @@ def roll_out_scene_set(
     distance = np.zeros(len(pool))
     is_over = np.zeros(len(pool), dtype=bool)
     is_first = np.ones(len(pool), dtype=bool)
+    done = np.full((len(pool), max_steps), NOTHING)  # (S, T)
     memory = None
 
-    for _ in range(max_steps):
+    for step in range(max_steps):
         # Those who have arrived are asked no more, unless the policy's memory has a place for each.
         asked = scenes if memory is not None else np.flatnonzero(~is_over)
         seen = model.packing.unpack(model.observe(states[asked]))
@@ -119,15 +125,17 @@ def roll_out_scene_set(
 
         is_moving = ~is_over[asked]
         robots = asked[is_moving]
-        outcome = model.move(states[robots], np.asarray(actions)[is_moving])
+        moves = np.asarray(actions)[is_moving]
+        outcome = model.move(states[robots], moves)
 
+        done[robots, step] = moves
         states[robots] = outcome.states
         distance[robots] += outcome.moved
         is_over[robots] = outcome.is_terminated
         if is_over.all():
             break
 
-    return SceneSetResults(is_over, distance, pool.oracle_distance)
+    return SceneSetResults(is_over, distance, pool.oracle_distance, done)
 
 
 def follow(
@@ -144,21 +152,26 @@ def follow(
     max_steps
         Steps after which an episode ends; those of `most_steps` by default.
     """
-    ahead, kind = _successors(logits.argmax(axis=1), pool)
+    max_steps = most_steps(pool) if max_steps is None else max_steps
+    moves = logits.argmax(axis=1)  # (S, X, Y)
+    ahead, kind = _successors(moves, pool)
+    moves = moves.reshape(len(pool), -1)
     scenes = np.arange(len(pool))
     cells = flat_cells(pool.start, pool.shape)  # (S,)
     goals = flat_cells(pool.goal, pool.shape)
     steps = np.zeros((len(pool), 3), dtype=np.int64)  # refused, straight, diagonal
+    done = np.full((len(pool), max_steps), NOTHING)  # (S, T)
 
-    for _ in range(most_steps(pool) if max_steps is None else max_steps):
+    for step in range(max_steps):
         scenes = scenes[cells[scenes] != goals[scenes]]  # who has arrived moves no more
+        done[scenes, step] = moves[scenes, cells[scenes]]
         steps[scenes, kind[scenes, cells[scenes]]] += 1
         cells[scenes] = ahead[scenes, cells[scenes]]
 
     # Counted, not summed up, so that an optimal path is as long as the oracle's.
     distance = (steps[:, 1] + steps[:, 2] * np.sqrt(2.0)) * pool.cell_size
 
-    return SceneSetResults(cells == goals, distance, pool.oracle_distance)
+    return SceneSetResults(cells == goals, distance, pool.oracle_distance, done)
 
 
 def _successors(moves: Ints, pool: SceneSet) -> tuple[Ints, Ints]:

@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,12 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from agents.policies.model_file import read_network
-from agents.registry import generalists
 from agents.rollout.episode import evaluation_env
-from agents.rollout.scene_set import play_scene_set
 from agents.runs import provenance
-from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
 from agents.single.mixture import Mixture
 from eval.estimates import finite
@@ -29,17 +24,16 @@ from eval.scoreboard.overlay import draw_path_overlay, map_of
 from eval.scoreboard.results import LeftOut
 from eval.scoreboard.score import PolicyScore, play_references, score
 from eval.unseen.scores import (
-    UNSEEN_REFERENCES,
     Player,
     player_of,
-    reference,
+    run_or_player,
     scene_sets_of,
     score_unseen,
     unseen_table,
     write_unseen,
 )
 from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.files import read_file, write_file
+from irs_gym.files import write_file
 
 SplitName = Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms"]
 
@@ -140,23 +134,11 @@ def _opened(names: Sequence[str], left_out: list[LeftOut]) -> dict[str, Run | Pl
 
     for name in names:
         try:
-            opened[name] = _open(name)
+            opened[name] = run_or_player(name)
         except Exception as error:
             left_out.append(LeftOut.of(Path(name), error))
 
     return opened
-
-
-def _open(name: str) -> Run | Player:
-    """A run folder, or what plays unseen scenes without one."""
-    if name in UNSEEN_REFERENCES:
-        return reference(name)
-    if name in generalists() and not Path(name).exists():
-        return Player(name, partial(play_scene_set, load_pretrained(name).policy))
-    if name.endswith(".npz"):
-        return Player(name, partial(play_scene_set, read_network(read_file(Path(name)))))
-
-    return Run.open(name)
 
 
 def score_run(run: Run, model: str, episodes: int, seed: int) -> list[PolicyScore]:

@@ -20,15 +20,17 @@ from agents.learning.map_configs import network_settings
 from agents.learning.map_learner import first_network
 from agents.policies.explorer_policy import Explorer
 from agents.policies.heuristics import RULES
+from agents.policies.model_file import read_network
 from agents.policies.replanning import Replanner
-from agents.registry import observation_of
+from agents.registry import ALGORITHMS, Track, generalists, observation_of
 from agents.rollout.episode import TOLERANCE
 from agents.rollout.scene_set import SceneSetResults, follow, play_scene_set
 from agents.runs import provenance
+from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run, RunError
 from irs_gym.datasets.random_task import RandomTask, build_worlds
 from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
-from irs_gym.files import write_file
+from irs_gym.files import read_file, write_file
 from irs_gym.grid import octile_distance
 from irs_gym.mdp.task import Task
 from irs_gym.radio.scene import load_scene, load_scenes
@@ -46,6 +48,8 @@ class Player:
     name: str
     episodes: Callable[[SceneSet], SceneSetResults]
     """Its episode in each scene of a pool; a ``ValueError`` says why there can be none."""
+    sees: Track = "local"
+    """Whether it sees the whole ``"map"`` or the patch around the robot."""
 
 
 @dataclass(frozen=True)
@@ -94,13 +98,40 @@ def player_of(run: Run, model: str = "best") -> Player:
     observation = observation_of(algorithm)
     play = partial(play_scene_set, run.load_model(model), observation=observation)
 
-    return Player(algorithm, play)
+    return Player(algorithm, play, ALGORITHMS[algorithm].track)
 
 
 def reference(name: str) -> Player:
     """One of `UNSEEN_REFERENCES`."""
     planners = {"replanning": replan, "untrained_explorer": explore_untrained}
-    return Player(name, planners.get(name) or partial(apply, name))
+    play = planners.get(name) or partial(apply, name)
+    return Player(name, play, "map" if name == "oracle" else "local")
+
+
+def run_or_player(name: str) -> Run | Player:
+    """A run folder, or what plays unseen scenes without one: a reference, a pretrained model, or
+    the file of a network.
+
+    Raises
+    ------
+    OSError
+        Where a file cannot be read.
+    ValueError
+        Where it is none of these, or damaged.
+    """
+    if name in UNSEEN_REFERENCES:
+        return reference(name)
+    if name in generalists() and not Path(name).exists():
+        play = partial(
+            play_scene_set, load_pretrained(name).policy, observation=observation_of(name)
+        )
+        return Player(name, play, ALGORITHMS[name].track)
+    if name.endswith(".npz"):
+        policy = read_network(read_file(Path(name)))
+        sees: Track = "local" if isinstance(policy, Explorer) else "map"
+        return Player(name, partial(play_scene_set, policy), sees)
+
+    return Run.open(name)
 
 
 def replan(pool: SceneSet) -> SceneSetResults:

@@ -141,7 +141,7 @@ class Task:
     (-61.8 in "paper").
     """
     cell_size: float = 0.5
-    """Edge of a cell in metres."""
+    """Edge of a cell in metres; it must divide the room."""
     irs_elements: int | None = None
     """Elements on each IRS panel, the paper's M; 0 for no IRS; None as the scene says (1,200 in
     "paper").
@@ -149,9 +149,11 @@ class Task:
     phase_bits: int | None = None
     """Resolution of the phase shifters; None as the scene says (continuous in "paper")."""
     quantiser: Quantiser = "nearest"
-    """How continuous phases are rounded to `phase_bits`."""
+    """How continuous phases are rounded to `phase_bits`: to the "nearest" level, "as_printed" (the
+    letter of the paper's eq. (20)), or to the "optimal" levels, exactly.
+    """
     array_model: ArrayModel = "far_field"
-    """How the array of elements is modelled."""
+    """How the array of elements is modelled; see `irs_gym.radio.irs.Hardware`."""
     patch_radius: int = 5
     """Cells that the robot sees around itself in each direction."""
     observation: Observation = "dict"
@@ -165,7 +167,9 @@ class Task:
     at a cost, or is paid for out of a budget.
     """
     cost: CostKind = "violation"
-    """What a cell costs under a budget; see `irs_gym.cost_map`."""
+    """What a cell costs under a budget: 1 below the target, the "deficit" in dB, or the probability
+    of "outage"; see `irs_gym.cost_map`.
+    """
     budget: Budget | None = None
     """Total cost that an episode may come to, or a range (low, high) that each is drawn from.
 

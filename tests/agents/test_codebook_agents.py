@@ -111,7 +111,7 @@ def test_the_vec_env_of_stable_baselines3_tells_masks_and_ends():
 def test_with_a_codebook_the_command_line_is_that_of_its_environment(tmp_path):
     config = parse("ppo", split("--env.codebook dft 8 --env.switch-cost 0.3 --env.target-db -63"))
     assert config.env.codebook == ("dft", 8)
-    assert (config.env.switch_cost, config.env.random_start) == (0.3, 0.7)
+    assert (config.env.switch_cost, config.env.random_start) == (0.3, 0.9)
     tuned = (config.env.observation, config.agent.total_timesteps)
     assert tuned == ("masked", 2_400_000)  # for it
     assert config.agent.signs

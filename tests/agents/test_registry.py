@@ -143,7 +143,7 @@ def test_settings_are_frozen_data_of_two_classes_at_most_that_make_no_learner(na
     assert all(each.__dataclass_params__.frozen for each in chain)
     public = {each for each in dir(config) if not each.startswith("_")}
     own = {each.name for each in fields(config)}
-    plain = {"algorithm", "network_settings", "policy_settings", "env_settings"}
+    plain = {"algorithm", "network_settings", "policy", "policy_settings", "env_settings"}
     assert public - own - plain <= {"total_timesteps", "terms"}  # of fields under other names
 
 
@@ -202,7 +202,7 @@ def test_new_algorithm_in_one_scene_is_one_file_and_one_row(tmp_path, monkeypatc
         ),
     )
     assert call(["--help"]) == 0
-    assert ",toy,sweep}" in capsys.readouterr().out
+    assert ",toy,sweep,dataset,scenes}" in capsys.readouterr().out
     assert call(["toy", "--help"]) == 0
     assert "The action that it likes." in capsys.readouterr().out
 

@@ -1,8 +1,8 @@
-"""Every block of code in README.md runs, in a copy of the checkout.
+"""Every block of code in the README and on the site's pages runs, in a copy of the checkout.
 
 Comments in front of a block tell the test, and whoever reads the source, how it differs from the
-text: `<!-- test: OLD -> NEW -->` replaces one place, `<!-- test: needs PACKAGE -->` leaves it to
-`make clients` where the package is missing. In bash blocks, `make` only says what it would do, and
+text: `<!-- test: OLD -> NEW -->` replaces one place, `<!-- test: after COMMAND -->` runs a command
+before it, `<!-- test: needs PACKAGE -->` leaves it to `make clients` where the package is missing. In bash blocks, `make` only says what it would do, and
 `pip install` only whether it could.
 """
 
@@ -23,9 +23,17 @@ from agents.single.ppo import PpoConfig
 from train.config import defaults_of
 
 ROOT = Path(__file__).resolve().parents[1]
-README = ROOT / "README.md"
-NOT_RUN = {"text", "bibtex"}
+# The documents whose blocks are run. Notebooks run as the site is built, docstrings' examples in
+# `test_doctests.py`; pages that commands write show no code but these commands.
+DOCUMENTS = [
+    ROOT / "README.md",
+    ROOT / "docs" / "index.md",
+    *sorted(ROOT.glob("docs/concepts/*.md")),
+    *sorted(ROOT.glob("docs/guides/*.md")),
+]
+NOT_RUN = {"text", "bibtex", "{toctree}"}
 SECONDS = 600
+NEWLINE = "\n"
 SHIMS = {
     "make": 'exec "$REAL_MAKE" --dry-run "$@"',
     "pip": """
@@ -39,10 +47,15 @@ SHIMS = {
 class Block:
     """Fenced code, as it stands and as it is run."""
 
-    line: int
+    place: str
     language: str
     code: str
     notes: tuple[str, ...]
+
+    @property
+    def after(self) -> list[str]:
+        """Commands that are run before it."""
+        return [note.removeprefix("after ") for note in self.notes if note.startswith("after ")]
 
     @property
     def needs(self) -> list[str]:
@@ -54,19 +67,21 @@ class Block:
         """The code with its replacements made."""
         code = self.code
         for note in self.notes:
-            if not note.startswith("needs "):
+            if not note.startswith(("after ", "needs ")):
                 old, new = note.split(" -> ")
-                assert code.count(old) == 1, f"line {self.line}: {old!r} is not there exactly once"
+                assert code.count(old) == 1, f"{self.place}: {old!r} is not there exactly once"
                 code = code.replace(old, new)
         return code
 
 
-def blocks(text: str) -> list[Block]:
-    """All fenced blocks, with the comments right in front of them."""
+def blocks(text: str, name: str = "") -> list[Block]:
+    """All fenced blocks, with the comments right in front of them; their places begin with the
+    document's name.
+    """
     fence = re.compile(r"((?:^<!-- test: .+ -->\n)*)^```(.*)\n((?:.*\n)*?)^```$", re.MULTILINE)
     return [
         Block(
-            line=text.count("\n", 0, found.start(2)) + 1,
+            place=f"{name}-line-{text.count(NEWLINE, 0, found.start(2)) + 1}",
             language=found[2],
             code=found[3],
             notes=tuple(re.findall(r"<!-- test: (.+) -->", found[1])),
@@ -92,15 +107,20 @@ def run(block: Block, checkout: Path) -> subprocess.CompletedProcess:
         "RAY_AUTH_MODE": "disabled",
         "MINARI_DATASETS_PATH": str(checkout / ".minari"),
     }
-    return subprocess.run(
-        commands[block.language],
-        cwd=checkout,
-        env=os.environ | settings,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=SECONDS,
-    )
+    before = [["bash", "-euo", "pipefail", "-c", each] for each in block.after]
+    for command in [*before, commands[block.language]]:
+        done = subprocess.run(
+            command,
+            cwd=checkout,
+            env=os.environ | settings,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=SECONDS,
+        )
+        if done.returncode:
+            break
+    return done
 
 
 @pytest.fixture(scope="session")
@@ -111,7 +131,7 @@ def checkout(tmp_path_factory) -> Path:
 
     def left_out(folder, names):
         outputs = {"runs", "build", "dist"} if Path(folder) == ROOT else set()
-        return hidden(folder, names) | outputs & set(names)
+        return hidden(folder, names) - {".ci"} | outputs & set(names)  # .ci builds the wheel
 
     shutil.copytree(ROOT, copy, ignore=left_out)
     (copy / ".shims").mkdir()
@@ -121,39 +141,47 @@ def checkout(tmp_path_factory) -> Path:
     return copy
 
 
-RUNNABLE = [block for block in blocks(README.read_text()) if block.language not in NOT_RUN]
+RUNNABLE = [
+    block
+    for document in DOCUMENTS
+    for block in blocks(document.read_text(), document.stem)
+    if block.language not in NOT_RUN
+]
 
 
 def case(block: Block) -> ParameterSet:
     marks = [pytest.mark.needs(*block.needs)] if block.needs else []
-    label = "-".join(
-        [f"line-{block.line}", block.language, *(f"needs_{need}" for need in block.needs)]
-    )
+    label = "-".join([block.place, block.language, *(f"needs_{need}" for need in block.needs)])
     return pytest.param(block, id=label, marks=marks)
 
 
 @pytest.mark.parametrize("block", [case(block) for block in RUNNABLE])
 def test_block_runs(block, checkout):
     done = run(block, checkout)
-    assert done.returncode == 0, f"line {block.line}:\n{done.stdout}\n{done.stderr}"
+    assert done.returncode == 0, f"{block.place}:\n{done.stdout}\n{done.stderr}"
 
 
-def test_no_block_escapes():
-    text = README.read_text()
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda each: each.stem)
+def test_no_block_escapes(document):
+    text = document.read_text()
     fences, found = re.findall(r"^\s*```", text, re.MULTILINE), blocks(text)
-    assert len(fences) == 2 * len(found) > 0
+    assert len(fences) == 2 * len(found)
     assert {block.language for block in found} <= {"bash", "python", *NOT_RUN}
     assert len(re.findall(r"<!-- test: ", text)) == sum(len(block.notes) for block in found)
 
 
 def test_a_broken_block_fails(checkout):
-    assert run(Block(1, "python", "import irs_gym\nirs_gym.fly()\n", ()), checkout).returncode == 1
-    assert run(Block(1, "bash", "false\ntrue\n", ()), checkout).returncode == 1
-    assert run(Block(1, "bash", "make fly\n", ()), checkout).returncode == 2
-    assert run(Block(1, "bash", 'pip install ".[fly]"\n', ()), checkout).returncode == 1
-    assert run(Block(1, "bash", 'pip install ".[train]"\n', ()), checkout).returncode == 0
-    with pytest.raises(AssertionError, match="line 7: '3' is not there exactly once"):
-        _ = Block(7, "python", "1 + 2\n", ("3 -> 4",)).shortened
+    assert (
+        run(Block("here", "python", "import irs_gym\nirs_gym.fly()\n", ()), checkout).returncode
+        == 1
+    )
+    assert run(Block("here", "bash", "false\ntrue\n", ()), checkout).returncode == 1
+    assert run(Block("here", "bash", "make fly\n", ()), checkout).returncode == 2
+    assert run(Block("here", "bash", 'pip install ".[fly]"\n', ()), checkout).returncode == 1
+    assert run(Block("here", "bash", 'pip install ".[train]"\n', ()), checkout).returncode == 0
+    assert run(Block("here", "bash", "true\n", ("after false",)), checkout).returncode == 1
+    with pytest.raises(AssertionError, match="there: '3' is not there exactly once"):
+        _ = Block("there", "python", "1 + 2\n", ("3 -> 4",)).shortened
 
 
 @pytest.mark.parametrize("config", [PpoConfig(), DqnConfig()], ids=lambda config: config.algorithm)
@@ -166,5 +194,11 @@ def test_settings_for_rl_zoo3_are_those_of_train(config):
     assert float(zoo.pop("learning_rate").removeprefix("lin_")) == config.learning_rate
     assert zoo.pop("n_timesteps") == config.total_timesteps
     assert zoo.pop("policy") == "MlpPolicy"
-    others = {"total_timesteps", "net_arch", "learning_rate", "final_learning_rate"}
+    others = {
+        "total_timesteps",
+        "net_arch",
+        "learning_rate",
+        "final_learning_rate",
+        "signs",
+    }
     assert zoo == {name: value for name, value in vars(config).items() if name not in others}

@@ -1,0 +1,1 @@
+"""A leaderboard that checks itself: tracks, submissions, and their replay."""

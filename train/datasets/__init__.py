@@ -1,0 +1,1 @@
+"""Data sets to learn from: labelled episodes and the frozen scenes, with their metadata."""

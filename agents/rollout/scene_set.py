@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.networks.map_network import plan_scene_set
+from agents.networks.map_network import first_of_best, plan_scene_set
 from agents.policies.explorer_policy import Explorer
 from agents.policies.map_policy import MapPolicy
 from agents.policies.policy import Policy
+from agents.policies.replanning import Replanner
 from agents.rollout.rules import RULES
 from irs_gym.datasets.random_task import RandomTask, build_worlds
 from irs_gym.datasets.scene_set import SceneSet
@@ -63,6 +64,9 @@ def play_scene_set(
     """Greedy episodes of a policy, one in each scene, as in `IrsNavRandom-v0` from the scenes' own
     starts.
 
+    Each scene is seen in the frame of `irs_gym.datasets.scene_set.frame_of` its own room, so that
+    its episode is the same alone and among any others, large or small.
+
     Parameters
     ----------
     policy
@@ -72,18 +76,36 @@ def play_scene_set(
     observation
         What other policies see; the patch has the environment's usual radius.
     max_steps
-        Steps after which an episode ends; those of `most_steps` by default.
+        Steps after which an episode ends; those of `most_steps` in the scene's frame by default.
 
     Raises
     ------
     ValueError
         Where the policy cannot see maps of this size.
     """
+    groups = pool.by_frame()
+    found = [_play(policy, framed, observation, max_steps) for _, framed in groups]
+
+    # back in the order of the scenes
+    order = np.argsort(np.concatenate([numbers for numbers, _ in groups]))
+    is_success, distance = (
+        np.concatenate([getattr(each, name) for each in found])[order]
+        for name in ("is_success", "distance")
+    )
+
+    return SceneSetResults(is_success, distance, pool.oracle_distance)
+
+
+def _play(
+    policy: Policy, pool: SceneSet, observation: Observation, max_steps: int | None
+) -> SceneSetResults:
+    """Episodes in scenes of one frame."""
     max_steps = most_steps(pool) if max_steps is None else max_steps
     if isinstance(policy, MapPolicy):
-        return follow(plan_scene_set(policy.network, pool), pool, max_steps)
+        moves = first_of_best(plan_scene_set(policy.network, pool), axis=1)  # (S, X, Y)
+        return _follow_moves(moves, pool, max_steps)
 
-    if isinstance(policy, Explorer):
+    if isinstance(policy, Explorer | Replanner):
         policy = replace(policy, shape=pool.shape)
 
     return roll_out_scene_set(policy, pool, observation, max_steps)
@@ -144,7 +166,12 @@ def follow(
     max_steps
         Steps after which an episode ends; those of `most_steps` by default.
     """
-    ahead, kind = _successors(logits.argmax(axis=1), pool)
+    return _follow_moves(logits.argmax(axis=1), pool, max_steps)
+
+
+def _follow_moves(moves: Ints, pool: SceneSet, max_steps: int | None) -> SceneSetResults:
+    """Follow the move ``(S, X, Y)`` of each cell."""
+    ahead, kind = _successors(moves, pool)
     scenes = np.arange(len(pool))
     cells = flat_cells(pool.start, pool.shape)  # (S,)
     goals = flat_cells(pool.goal, pool.shape)

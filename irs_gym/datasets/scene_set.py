@@ -24,6 +24,8 @@ from irs_gym.radio.fading import RicianFading
 from irs_gym.radio.radio_map import RadioMap, build_radio_map
 from irs_gym.radio.scene import Scene
 
+FRAME_SIDE = 40  # cells: sides of the frames that policies see maps in are multiples of this
+
 # For each cell of each scene, at the most: maps, rules, and shards before they are joined.
 _CELL_BYTES = 50
 
@@ -84,6 +86,17 @@ class SceneSet:
         return self.gain_db.shape[1], self.gain_db.shape[2]
 
     @cached_property
+    def own_shapes(self) -> NDArray[np.int64]:
+        """Cells along x and y of each scene's own room, ``(S, 2)``; the frame's where the scenes
+        are not there.
+        """
+        if len(self.scenes) != len(self):
+            return np.tile(np.array(self.shape, dtype=np.int64), (len(self), 1))
+
+        shapes = [scene.grid(self.cell_size).shape for scene in self.scenes]
+        return np.array(shapes, dtype=np.int64).reshape(len(self), 2)
+
+    @cached_property
     def free(self) -> NDArray[np.bool_]:
         """Cells that a robot can enter, whatever the target: shape ``(S, X, Y)``."""
         return frozen(np.isfinite(self.gain_db))
@@ -131,6 +144,28 @@ class SceneSet:
 
         return {"corner_cutting": self.robot.corner_cutting, "passable": passable}
 
+    def by_frame(self) -> list[tuple[NDArray[np.int64], "SceneSet"]]:
+        """The scenes in groups, each in the frame of `frame_of` its own rooms: numbers ``(n,)`` of
+        scenes, and the set of these.
+
+        What a policy sees of a scene so depends on nothing but the scene, whatever others are in
+        the set. Where the scenes are not there, all stay in the frame that they are in.
+        """
+        if len(self.scenes) != len(self):
+            return [(np.arange(len(self)), self)]
+
+        frames = np.array([frame_of((x, y)) for x, y in self.own_shapes.tolist()])  # (S, 2)
+        different = np.unique(frames, axis=0)
+        if len(different) == 1 and tuple(different[0].tolist()) == self.shape:
+            return [(np.arange(len(self)), self)]
+
+        groups = []
+        for frame in different:
+            numbers = np.flatnonzero((frames == frame).all(axis=1))
+            groups.append((numbers, _framed(self, numbers, (int(frame[0]), int(frame[1])))))
+
+        return groups
+
     def for_robot(self, robot: Robot) -> "SceneSet":
         """The scenes for another robot than the paper's, without those that it cannot solve.
 
@@ -151,6 +186,14 @@ class SceneSet:
             raise ValueError(f"scenes are those of {self.robot}, not of {robot}")
 
         return _for_robot(self, robot)
+
+
+def frame_of(shape: tuple[int, int]) -> tuple[int, int]:
+    """The frame that policies see a room of that shape (X, Y) in: its sides are rounded up to
+    multiples of 40 cells, those of the frames that they learn in.
+    """
+    columns, rows = (max(1, -(-each // FRAME_SIDE)) * FRAME_SIDE for each in shape)
+    return columns, rows
 
 
 def scene_set_of(
@@ -291,6 +334,28 @@ def _for_robot(pool: SceneSet, robot: Robot) -> SceneSet:
     )
 
     return _without(fitted, np.isinf(fitted.oracle_distance))
+
+
+def _framed(pool: SceneSet, numbers: NDArray[np.int64], frame: tuple[int, int]) -> SceneSet:
+    """Some scenes of a set in a frame that holds them all."""
+    over = [(0, max(0, whole - part)) for whole, part in zip(frame, pool.shape, strict=True)]
+    own = (slice(None), slice(frame[0]), slice(frame[1]))
+
+    def framed(maps: NDArray[Any], value: float) -> NDArray[Any]:
+        return np.pad(maps[numbers][own], [(0, 0), *over], constant_values=value)
+
+    return replace(
+        pool,
+        scenes=[pool.scenes[n] for n in numbers.tolist()],
+        names=tuple(pool.names[n] for n in numbers.tolist()),
+        target_db=pool.target_db[numbers],
+        gain_db=framed(pool.gain_db, -np.inf),
+        distance_to_go=framed(pool.distance_to_go, np.inf),
+        irs=pool.irs[numbers],
+        start=pool.start[numbers],
+        goal=pool.goal[numbers],
+        moves=None if pool.moves is None else framed(pool.moves, 0),
+    )
 
 
 def _without(pool: SceneSet, is_lost: NDArray[np.bool_]) -> SceneSet:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil, floor
+from math import ceil, dist, floor
 from numbers import Real
 from typing import Literal, get_args
 
@@ -35,6 +35,7 @@ TRIES = 12  # tasks tried in one factory, whose map costs more than they
 LEAST_FLOOR = 0.4  # of the room: the largest piece of floor that a robot can drive on
 LEAST_RANGE_DB = 0.5  # from the loosest to the highest feasible target
 MOST_ACCESS_POINTS = 16
+LEAST_APART = 1.0  # metres: from one of several access points to a panel
 # Of the families, where walls alone decide:
 DETOURS = (1.2, 6.0)  # least and greatest detour
 NEAR_DETOUR = 0.1  # share by which a detour may differ from the one that was drawn
@@ -282,6 +283,14 @@ def _draw_factory(
     grid = Grid.tile(room.lower, room.upper, CELL_SIZE)
     floor_cells = _floor(grid, obstacles)
     if floor_cells.mean() < LEAST_FLOOR or any(_is_covered(point, obstacles) for point in mounted):
+        return None
+
+    # One of several may hang on the wall of a panel.
+    if len(access_points) > 1 and any(
+        dist(point.position, panel.position) < LEAST_APART
+        for point in access_points
+        for panel in panels
+    ):
         return None
 
     ends = _draw_ends(rng, np.argwhere(floor_cells), least_distance(room) / CELL_SIZE)

@@ -15,7 +15,7 @@ from irs_gym.datasets.cache import cache_folder
 from irs_gym.datasets.generator import CELL_SIZE
 from irs_gym.datasets.shard import Shard
 from irs_gym.datasets.solved_scene import SolvedScene, solve
-from irs_gym.datasets.splits import check_frozen, split_of
+from irs_gym.datasets.splits import check_frozen, members_of, split_of
 from irs_gym.grid import Grid, Motion, as_cell
 from irs_gym.mdp.robot import PAPER_ROBOT, Robot
 from irs_gym.memory import check_memory, freeze, frozen
@@ -271,7 +271,7 @@ def build_scene_set(
     Parameters
     ----------
     split
-        See `irs_gym.datasets.splits.SPLITS`.
+        See `irs_gym.datasets.splits.SPLITS`; sets to learn on may be joined by a plus.
     num_scenes
         Scenes from the first on; 1,000 by default.
     jobs
@@ -299,6 +299,16 @@ def build_scene_set(
     # refused here where it would not fit, before hours of building
     _check_memory(int(count), split_of(split).frame, f"num_scenes={count}")
     folder = cache_folder() if cache is None else Path(cache)
+    members = members_of(split)
+    if len(members) > 1:
+        counts = [len(range(n, int(count), len(members))) for n in range(len(members))]
+        each = [
+            build_scene_set(member, own, jobs=jobs, progress=progress, cache=cache)
+            for member, own in zip(members, counts, strict=True)
+            if own
+        ]
+        return _in_turn(each, split_of(split).frame)
+
     shard = build_shards(split, int(count), jobs=jobs, progress=progress, folder=folder)
     texts = shard.texts.tolist()
     check_frozen(split, texts)
@@ -334,6 +344,26 @@ def _for_robot(pool: SceneSet, robot: Robot) -> SceneSet:
     )
 
     return _without(fitted, np.isinf(fitted.oracle_distance))
+
+
+def _in_turn(pools: Sequence[SceneSet], frame: tuple[int, int]) -> SceneSet:
+    """The first scene of each set, the second of each, and so on, in one frame."""
+    each = [_framed(pool, np.arange(len(pool)), frame) for pool in pools]
+    turns = np.concatenate([np.arange(len(pool)) for pool in each])
+    order = np.argsort(turns, kind="stable").tolist()
+    arrays = {
+        name: np.concatenate([getattr(pool, name) for pool in each])[order]
+        for name in ("target_db", "gain_db", "distance_to_go", "irs", "start", "goal")
+    }
+    scenes = [scene for pool in each for scene in pool.scenes]
+    names = [name for pool in each for name in pool.names]
+
+    return replace(
+        each[0],
+        scenes=[scenes[n] for n in order],
+        names=tuple(names[n] for n in order),
+        **arrays,
+    )
 
 
 def _framed(pool: SceneSet, numbers: NDArray[np.int64], frame: tuple[int, int]) -> SceneSet:

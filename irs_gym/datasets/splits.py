@@ -96,10 +96,41 @@ SPLITS = {
 
 
 def split_of(name: str) -> Split:
-    """A split by its name; a ``ValueError`` lists all for an unknown one."""
-    if not isinstance(name, str) or name not in SPLITS:
-        raise ValueError(f"split={name!r} must be one of {tuple(SPLITS)}")
-    return SPLITS[name]
+    """A split by its name; a ``ValueError`` lists all for an unknown one.
+
+    Sets to learn on may be joined, "train+train-maze": scenes are those of each in turn.
+    """
+    members = members_of(name)
+    unknown = [each for each in members if not isinstance(each, str) or each not in SPLITS]
+    if unknown:
+        raise ValueError(f"split={unknown[0]!r} must be one of {tuple(SPLITS)}")
+
+    each = [SPLITS[member] for member in members]
+    if len(each) == 1:
+        return each[0]
+    if len({*members}) < len(members) or any(one.is_frozen for one in each):
+        raise ValueError(f"split={name!r} must join different sets to learn on")
+
+    columns, rows = zip(*(one.frame for one in each), strict=True)
+    size = len(each) * min(one.size for one in each)
+
+    return Split(number=0, size=size, frame=(max(columns), max(rows)))
+
+
+def members_of(name: str) -> tuple[str, ...]:
+    """The names of the splits that are joined, in order; one alone is its own."""
+    return tuple(name.split("+")) if isinstance(name, str) else (name,)
+
+
+def all_but(family: str) -> str:
+    """The sets to learn on without that of a family, joined: what to learn from where the family
+    itself is what is scored.
+
+    Raises ``ValueError`` where there is no such family.
+    """
+    if family not in FAMILIES:
+        raise ValueError(f"family={family!r} must be one of {tuple(FAMILIES)}")
+    return "+".join(["train", *(f"train-{name}" for name in FAMILIES if name != family)])
 
 
 def scene_of(split: str, index: int) -> Scene:
@@ -115,6 +146,10 @@ def solved_scene_of(split: str, index: int) -> SolvedScene:
             f"index={index} must be a number from 0 to {chosen.size - 1}: "
             f"{split!r} has no more scenes"
         )
+
+    members = members_of(split)
+    if len(members) > 1:
+        return solved_scene_of(members[index % len(members)], index // len(members))
 
     # a seed of its own for each scene, so that any one can be drawn without those before it
     rng = np.random.default_rng((VERSION, chosen.number, index))

@@ -107,7 +107,7 @@ def picture(pool: SceneSet) -> bytes:
 
     for number in range(min(2, len(pool))):
         world = worlds.world(number)
-        view = replace(view_of(world, world.start, world.goal), size=PICTURE_SIZE)
+        view = replace(view_of(world, world.start, world.goal), size=PICTURE_SIZE, is_square=False)
         frames.append(Image.fromarray(draw_frame(view, [world.start])))
 
     sizes = np.array([frame.size for frame in frames])  # (2, 2), width and height

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from irs_gym.mdp.codebook_rules import CodebookMaps, Ends, switch_cells
 from irs_gym.mdp.path_history import cells_of
 from irs_gym.oracle.joint import JointPath
-from irs_gym.rendering.episode_view import RENDERERS, drawn_of, room_grid
+from irs_gym.rendering.episode_view import RENDERERS, drawn_of
 from irs_gym.rendering.view import View
 
 
@@ -29,14 +29,13 @@ def _view_of(maps: CodebookMaps, ends: Ends, oracle: JointPath, configuration: i
     once.
     """
     scene = maps.scenes[ends.scene]
-    grid = room_grid(scene, maps.grid(ends.scene))
     return View(
-        gain_db=maps.gain_db[ends.scene, configuration][: grid.shape[0], : grid.shape[1]],
+        gain_db=maps.gain_db[ends.scene, configuration],
         target_db=float(maps.target_db[ends.scene]),
-        grid=grid,
+        grid=maps.grid(ends.scene),
         start=ends.start,
         goal=ends.goal,
-        free=maps.free[ends.scene][: grid.shape[0], : grid.shape[1]],
+        free=maps.free[ends.scene],
         oracle_cells=oracle.cells,
         oracle_switches=oracle.switch_cells,
         label=f"configuration {configuration} of {maps.configurations}",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from irs_gym.mdp.continuous_ends import ContinuousEnds, oracle_points
 from irs_gym.mdp.continuous_maps import ContinuousMaps
 from irs_gym.rendering.background import background_of
-from irs_gym.rendering.episode_view import RENDERERS, drawn_of, room_grid
+from irs_gym.rendering.episode_view import RENDERERS, drawn_of
 from irs_gym.rendering.view import View
 
 
@@ -34,15 +34,14 @@ def _view_of(maps: ContinuousMaps, ends: ContinuousEnds) -> View:
     Cells are counted by their centres, half a cell from their corners.
     """
     world = maps.world(ends.scene)
-    grid = room_grid(world.scene, maps.grid(ends.scene))
     return View(
-        gain_db=maps.gain_db[ends.scene][: grid.shape[0], : grid.shape[1]],
+        gain_db=maps.gain_db[ends.scene],
         target_db=world.target_db,
-        grid=grid,
+        grid=maps.grid(ends.scene),
         start=(ends.start[0] - 0.5, ends.start[1] - 0.5),
         goal=(ends.goal[0] - 0.5, ends.goal[1] - 0.5),
         goal_radius=maps.radius,
-        free=maps.free[ends.scene][: grid.shape[0], : grid.shape[1]],
+        free=maps.free[ends.scene],
         oracle_cells=oracle_points(maps, ends) - 0.5,
         **drawn_of(world.scene),
     )

@@ -33,6 +33,7 @@ def view_of(world: World, start: Cell, goal: Cell, budget: float | None = None) 
         goal=goal,
         free=radio_map.free[: grid.shape[0], : grid.shape[1]],
         oracle_cells=oracle_path(world, start, goal, budget).cells,
+        is_square=world.to_go is not None,  # one of many, of rooms of any size
         **drawn_of(world.scene),
     )
 

@@ -29,6 +29,7 @@ COMMANDS = {
         "and write docs/shaping.md"
     ),
     "scenes": "draw the scenes of the package and write docs/scenes.md",
+    "families": "draw the families of generated factories and write docs/families.md",
     "codebook": (
         "compute how few configurations of the panel make the best path, and write docs/codebook.md"
     ),

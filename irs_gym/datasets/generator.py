@@ -9,8 +9,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.families import FamilyName, Layout, draw_layout
-from irs_gym.datasets.floor_plan import draw_walls
+from irs_gym.datasets.layouts.families import FamilyName, Layout, draw_layout
+from irs_gym.datasets.layouts.floor_plan import draw_walls
 from irs_gym.datasets.solved_scene import SolvedScene, radio_map_of
 from irs_gym.grid import Cell, Grid, as_cell, checked_point, octile_distance
 from irs_gym.mdp.robot import PAPER_ROBOT, Collision, Robot

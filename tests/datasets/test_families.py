@@ -6,8 +6,6 @@ import networkx
 import numpy as np
 import pytest
 
-from irs_gym.datasets.families import draw_layout
-from irs_gym.datasets.floor_plan import THICKNESS
 from irs_gym.datasets.generator import (
     CELL_SIZE,
     DETOURS,
@@ -16,6 +14,8 @@ from irs_gym.datasets.generator import (
     draw_solved_scene,
     generate_scene,
 )
+from irs_gym.datasets.layouts.families import draw_layout
+from irs_gym.datasets.layouts.floor_plan import THICKNESS
 from irs_gym.datasets.scene_set import build_scene_set
 from irs_gym.datasets.shard import definition_of
 from irs_gym.datasets.splits import FAMILIES, SPLITS, all_but, scene_of, solved_scene_of, split_of

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from irs_gym.datasets import splits, verify_splits
-from irs_gym.datasets.floor_plan import THICKNESS
 from irs_gym.datasets.generator import CELL_SIZE, DIFFICULTIES
+from irs_gym.datasets.layouts.floor_plan import THICKNESS
 from irs_gym.datasets.scene_hash import symmetries
 from irs_gym.datasets.splits import FAMILIES, SPLITS, Split, digest, frozen, scene_of
 from irs_gym.datasets.verify_splits import entry_of, shared

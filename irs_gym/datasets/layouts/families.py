@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from irs_gym.datasets.floor_plan import DOOR, THICKNESS, draw_walls
+from irs_gym.datasets.layouts.floor_plan import DOOR, THICKNESS, draw_walls
 from irs_gym.radio.scene import Obstacle, Room
 
 Bools = NDArray[np.bool_]
@@ -52,7 +52,7 @@ def draw_layout(
     """The walls of a family, drawn for a room.
 
     Walls stand on lines of cell centres and take one row of cells each, as those of
-    `irs_gym.datasets.floor_plan.draw_walls`.
+    `irs_gym.datasets.layouts.floor_plan.draw_walls`.
     """
     return FAMILIES[family](rng, room, cell_size)
 

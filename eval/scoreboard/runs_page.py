@@ -10,8 +10,8 @@ from rich.progress import track
 
 from eval.scoreboard.results import LeftOut, Result, find_runs, read_results, tell_left_out
 
-Made = tuple[Sequence[Result], Sequence[LeftOut], str]
-"""What a page counts and leaves out, and the names of the files written."""
+Made = tuple[Sequence[object], Sequence[LeftOut], str]
+"""The runs of a page and those left out, and the names of the files written."""
 
 
 def results_below(
@@ -40,12 +40,12 @@ def results_below(
 def told(command: str, make: Callable[[], Made]) -> int:
     """Make a page and say what it is made of, or why it cannot be; returns the exit status."""
     try:
-        results, left_out, written = make()
+        runs, left_out, written = make()
     except (OSError, ValueError) as error:
         print(f"python -m eval {command}: {error}", file=sys.stderr)
         return 2
 
     tell_left_out(left_out)
-    print(f"{len(results)} runs, {len(left_out)} left out; written: {written}")
+    print(f"{len(runs)} runs, {len(left_out)} left out; written: {written}")
 
     return 0

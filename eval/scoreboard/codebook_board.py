@@ -201,7 +201,9 @@ def codebook_section(board: CodebookBoard) -> str:
 
     return template("codebook_board.md").format(
         made=f"Made of {len(runs)} runs by\n\n{commands_block(board.commands)}" if runs else "",
-        settings=page(*(setting_part(each, board.learned, names) for each in board.settings)),
+        settings=page(
+            *(setting_part(each, board.learned, names) for each in board.settings)
+        ).strip(),
         left_out=left_out_text(left_out),
         origin=origin_text({**vars(board), "trained_from": commits}) if runs else "",
     )

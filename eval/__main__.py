@@ -31,7 +31,8 @@ COMMANDS = {
     "scenes": "draw the scenes of the package and write docs/scenes.md",
     "families": "draw the families of generated factories and write docs/families.md",
     "codebook": (
-        "compute how few configurations of the panel make the best path, and write docs/codebook.md"
+        "compute how few configurations of the panel make the best path, tell what was learned, "
+        "and write docs/codebook.md"
     ),
     "generalisation": (
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"

@@ -3,12 +3,10 @@ the optimum.
 """
 
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-from rich.progress import track
 from tyro.conf import Positional, arg
 
 from agents.rollout.episode import evaluation_env
@@ -17,8 +15,8 @@ from eval.origin import commands_of
 from eval.pictures import write_pictures
 from eval.scoreboard.ablations import ablations_page
 from eval.scoreboard.board import build_board
-from eval.scoreboard.results import find_runs, read_results, tell_left_out
 from eval.scoreboard.return_variance import return_variances
+from eval.scoreboard.runs_page import Made, results_below, told
 from irs_gym.files import write_file
 
 FIGURES = "figures/ablations"
@@ -41,8 +39,9 @@ def main(
     trained_by
         The command that trained the runs, to stand on the page.
     """
-    try:
-        results, left_out = read_results(track(find_runs(folder), "reading runs", transient=True))
+
+    def make() -> Made:
+        results, left_out = results_below(folder)
         problems = {each.problem for each in results}
         if len(problems) != 1:
             raise ValueError(
@@ -64,11 +63,7 @@ def main(
         data = json.dumps(board, indent=1, allow_nan=False) + "\n"
         write_file(out / "ablations.json", data.encode())
         write_file(out / "ablations.md", ablations_page(board).encode())
-    except (OSError, ValueError) as error:
-        print(f"python -m eval ablations: {error}", file=sys.stderr)
-        return 2
 
-    tell_left_out(left_out)
-    print(f"{len(results)} runs, {len(left_out)} left out; written: {out / 'ablations.md'}")
+        return results, left_out, str(out / "ablations.md")
 
-    return 0
+    return told("ablations", make)

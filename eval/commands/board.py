@@ -3,11 +3,9 @@ run left out.
 """
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from rich.progress import track
 from tyro.conf import Positional, arg
 
 from eval.origin import commands_of
@@ -15,7 +13,7 @@ from eval.pictures import write_pictures
 from eval.scoreboard.board import build_board
 from eval.scoreboard.page import FIGURES, scoreboard_page
 from eval.scoreboard.report import html
-from eval.scoreboard.results import find_runs, read_results, tell_left_out
+from eval.scoreboard.runs_page import Made, results_below, told
 from irs_gym.files import write_file
 
 
@@ -47,31 +45,20 @@ def main(
     trained_by
         The command that trained the runs, to stand on the page.
     """
-    out = out or folder
+    place = out or folder
 
-    try:
+    def make() -> Made:
         if episodes < 1:
             raise ValueError(f"episodes={episodes} must be 1 or more")
 
-        results, left_out = read_results(
-            track(find_runs(folder), "reading runs", transient=True), model
-        )
-        if not results:
-            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
-            raise ValueError(f"no complete run lies below {str(folder)!r}{reasons}")
-
+        results, left_out = results_below(folder, model)
         board, pictures = build_board(results, left_out, episodes, seed)
         board["commands"] = commands_of("board", trained_by)
-        write(board, pictures, folder, out)
-    except (OSError, ValueError) as error:
-        print(f"python -m eval board: {error}", file=sys.stderr)
-        return 2
+        write(board, pictures, folder, place)
 
-    tell_left_out(left_out)
-    written = f"{folder / 'report.html'}, {out / 'scoreboard.md'}"
-    print(f"{len(results)} runs, {len(left_out)} left out; written: {written}")
+        return results, left_out, f"{folder / 'report.html'}, {place / 'scoreboard.md'}"
 
-    return 0
+    return told("board", make)
 
 
 def write(board: dict[str, Any], pictures: dict[str, bytes], folder: Path, out: Path) -> None:

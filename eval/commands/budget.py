@@ -3,13 +3,11 @@ cost, beside the exact optimum.
 """
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 from typing import Annotated, Any
 
-from rich.progress import track
 from tyro.conf import Positional, arg
 
 from agents.registry import ALGORITHMS, specialists
@@ -17,14 +15,8 @@ from eval.estimates import finite
 from eval.origin import commands_of, origins
 from eval.scoreboard.budget_page import budget_page
 from eval.scoreboard.expected_cost import Expected
-from eval.scoreboard.results import (
-    Group,
-    LeftOut,
-    Result,
-    find_runs,
-    read_results,
-    tell_left_out,
-)
+from eval.scoreboard.results import Group, LeftOut, Result
+from eval.scoreboard.runs_page import Made, results_below, told
 from eval.scoreboard.seed_scores import group_names
 from irs_gym.files import write_file
 
@@ -45,25 +37,18 @@ def main(
     trained_by
         The command that trained the runs, to stand on the page.
     """
-    try:
-        results, left_out = read_results(track(find_runs(folder), "reading runs", transient=True))
-        if not results:
-            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
-            raise ValueError(f"no complete run lies below {str(folder)!r}{reasons}")
 
+    def make() -> Made:
+        results, left_out = results_below(folder)
         board = budget_board(results, left_out)
         board["commands"] = commands_of("budget", trained_by)
         data = json.dumps(board, indent=1, allow_nan=False) + "\n"
         write_file(out / "budget.json", data.encode())
         write_file(out / "budget.md", budget_page(board).encode())
-    except (OSError, ValueError) as error:
-        print(f"python -m eval budget: {error}", file=sys.stderr)
-        return 2
 
-    tell_left_out(left_out)
-    print(f"{len(results)} runs, {len(left_out)} left out; written: {out / 'budget.md'}")
+        return results, left_out, str(out / "budget.md")
 
-    return 0
+    return told("budget", make)
 
 
 def budget_board(results: Sequence[Result], left_out: Sequence[LeftOut]) -> dict[str, Any]:

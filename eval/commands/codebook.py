@@ -1,15 +1,18 @@
 """`python -m eval codebook`: writes docs/codebook.md, what a panel that holds a few configurations
-can do.
+can do, and what was learned where the robot switches them.
 """
 
-import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from rich.progress import track
+from tyro.conf import Positional, arg
 
 from eval.markdown import page, picture, table, template
+from eval.origin import commands_of
 from eval.paper.codebook_figures import (
     draw_configurations,
     draw_costs,
@@ -18,6 +21,9 @@ from eval.paper.codebook_figures import (
 )
 from eval.paper.codebooks import DESIGNS, CodebookStudy, Row, turning_points
 from eval.paper.study import CONTINUOUS, ONE_BIT, THREE_BIT, TWO_BIT, Study
+from eval.scoreboard.codebook_board import CodebookBoard, codebook_section
+from eval.scoreboard.results import LeftOut, Result
+from eval.scoreboard.runs_page import Made, results_below, told
 from irs_gym import load_scene
 from irs_gym.files import write_file
 
@@ -28,35 +34,64 @@ PATHS_AT_DB = -61.8  # its front has a point for each number of switches
 MAPS_AT_DB = -60.0
 MOST_SWITCHES = 3  # columns of the table
 MOST_COST = 5.0  # metres
+LEARNED = template("codebook_board.md").partition("\n")[0]  # the heading of that section
 TIE = 1e-9  # metres: lengths are sums of floats
 
 
-def main(out: Path = Path("docs"), cell_size: float = 0.5) -> int:
+def main(
+    folder: Annotated[Positional[Path | None], arg(metavar="DIR", help_behavior_hint="")] = None,
+    out: Path = Path("docs"),
+    cell_size: float = 0.5,
+    trained_by: str | None = None,
+    keep_tables: bool = False,
+) -> int:
     """Compute how few configurations make the shortest path, and write codebook.md with its
-    figures.
+    figures and codebook.json, which keeps what was learned.
 
     Parameters
     ----------
+    folder
+        Folder with run folders, at any depth, to be added to those of codebook.json; one that
+        repeats a seed takes its place.
     out
         Folder of the page.
     cell_size
-        Edge of a cell in metres.
+        Edge of a cell in metres; not of the runs.
+    trained_by
+        The command that trained the runs, to stand on the page.
+    keep_tables
+        Leave the page's figures and tables as they are, and write what was learned alone.
     """
-    try:
-        scene = load_scene("paper").model_copy(update={"phase_bits": None})
-        codebooks = CodebookStudy(Study(scene, cell_size))
-        text = codebook_page(codebooks, out / "figures")
-        write_file(out / "codebook.md", text.encode())
-    except (OSError, ValueError) as error:
-        print(f"python -m eval codebook: {error}", file=sys.stderr)
-        return 2
 
-    print(f"written: {out / 'codebook.md'} and {out / 'figures'}")
-    return 0
+    def make() -> Made:
+        place = out / "codebook.md"
+        kept = CodebookBoard.load(out / "codebook.json")
+        results: list[Result] = []
+        left_out: list[LeftOut] = []
+        if folder is not None:
+            results, left_out = results_below(folder)
+
+        if keep_tables:
+            computed = place.read_text(encoding="utf-8").partition(f"\n{LEARNED}\n")[0]
+        else:
+            scene = load_scene("paper").model_copy(update={"phase_bits": None})
+            computed = codebook_page(CodebookStudy(Study(scene, cell_size)), out / "figures")
+
+        board = kept.extended(results, left_out)
+        if folder is not None:
+            made_by = (*kept.commands, *commands_of("codebook", trained_by))
+            board = replace(board, commands=tuple(dict.fromkeys(made_by)))
+
+        write_file(out / "codebook.json", board.as_json())
+        write_file(place, page(computed, codebook_section(board)).encode())
+
+        return board.runs, left_out, f"{place} and {out / 'figures'}"
+
+    return told("codebook", make)
 
 
 def codebook_page(codebooks: CodebookStudy, figures: Path) -> str:
-    """The page; its figures are written into a folder."""
+    """All of the page that is computed; its figures are written into a folder."""
     study = codebooks.study
     schemes = (CONTINUOUS, ONE_BIT, TWO_BIT, THREE_BIT)
     wanted = [(scheme, target_db) for scheme in schemes for target_db in TARGETS_DB]

@@ -3,12 +3,10 @@ the exact optimum and the best path over the paper's grid.
 """
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from rich.progress import track
 from tyro.conf import Positional, arg
 
 from agents.registry import drivers
@@ -16,14 +14,8 @@ from agents.runs.problem import Problem
 from eval.origin import commands_of, origins
 from eval.scoreboard.continuous_page import continuous_page
 from eval.scoreboard.continuous_scores import Standing, references_of
-from eval.scoreboard.results import (
-    Group,
-    LeftOut,
-    Result,
-    find_runs,
-    read_results,
-    tell_left_out,
-)
+from eval.scoreboard.results import Group, LeftOut, Result
+from eval.scoreboard.runs_page import Made, results_below, told
 from eval.scoreboard.seed_scores import group_names
 from irs_gym.files import write_file
 
@@ -47,31 +39,21 @@ def main(
     episodes
         Episodes of the random policy.
     """
-    try:
+
+    def make() -> Made:
         if episodes < 1:
             raise ValueError(f"episodes={episodes} must be 1 or more")
 
-        found, left_out = read_results(track(find_runs(folder), "reading runs", transient=True))
-        results = [each for each in found if each.config.algorithm in drivers()]
-        if not results:
-            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
-            raise ValueError(
-                f"no complete run of {', '.join(drivers())} lies below {str(folder)!r}{reasons}"
-            )
-
+        results, left_out = results_below(folder, algorithms=drivers())
         board = continuous_board(results, left_out, episodes)
         board["commands"] = commands_of("continuous", trained_by)
         data = json.dumps(board, indent=1, allow_nan=False) + "\n"
         write_file(out / "continuous.json", data.encode())
         write_file(out / "continuous.md", continuous_page(board).encode())
-    except (OSError, ValueError) as error:
-        print(f"python -m eval continuous: {error}", file=sys.stderr)
-        return 2
 
-    tell_left_out(left_out)
-    print(f"{len(results)} runs, {len(left_out)} left out; written: {out / 'continuous.md'}")
+        return results, left_out, str(out / "continuous.md")
 
-    return 0
+    return told("continuous", make)
 
 
 def continuous_board(

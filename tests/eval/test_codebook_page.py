@@ -9,6 +9,7 @@ from evaluating import call
 from eval.commands import codebook as command
 from eval.paper.codebooks import CodebookStudy, Row, best_switches, turning_points
 from eval.paper.study import CONTINUOUS, Study
+from eval.scoreboard import codebook_board
 from irs_gym import SwitchFront, load_scene
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -68,12 +69,14 @@ def test_the_page_in_the_documents_says_what_is_computed():
 def test_the_page_is_written_with_all_its_figures(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(command, "SIZES", (1, 4))
     monkeypatch.setattr(command, "SIZES_AT_DB", (-61.8,))
+    monkeypatch.setattr(codebook_board, "TASKS", ())
     out = tmp_path / "docs"
     assert call(monkeypatch, "codebook", "--out", out, "--cell-size", 1.0) == 0
     page = (out / "codebook.md").read_text(encoding="utf-8")
     assert "| continuous | -61.8 | 21.485 | 25.142 | 23.728 | 21.485 | 21.485 |" in page
     assert "| -61.8 | cover | 25.142 | 21.485 |" in page
     assert "{" not in page
+    assert command.LEARNED in page
     names = {f"codebook_{each}" for each in ("paths", "maps", "sizes", "costs")}
     files = {file.name for file in (out / "figures").iterdir()}
     assert files == {f"{name}.{kind}" for name in names for kind in ("png", "svg", "csv")}

@@ -38,6 +38,8 @@ class Row:
     network
         What a teacher improves, a network over maps or an explorer's; with Stable-Baselines3, what
         reads observations in front of the policy, if not its own.
+    policy
+        The class of its policy, where that is none of Stable-Baselines3's own, as a string.
     env, training
         What its runs change in the defaults of their environment, and of their other settings.
     codebook_env, codebook_agent
@@ -51,6 +53,7 @@ class Row:
     learner: str
     mixes: str | None = None
     network: str | None = None
+    policy: str | None = None
     env: Mapping[str, Any] = field(default_factory=dict)
     training: Mapping[str, Any] = field(default_factory=dict)
     codebook_env: Mapping[str, Any] = field(default_factory=dict)
@@ -98,6 +101,8 @@ _SWITCHING_DQN: dict[str, Any] = {
 
 # Where the robot goes anywhere, no path of a network is as short as the oracle's to the last digit.
 _NEVER_EXACT = {"stop_at_optimum": False}
+# Phases differ from cell to cell, and tell nothing of where to go.
+_DRIVING: dict[str, Any] = {"random_start": 0.95, "irs_phases": False, "patch_radius": 3}
 
 # The order is that of command lines and pages. In one scene, where paths differ by 2 % only, an
 # agent finds the best one much more surely with starts in many places.
@@ -167,7 +172,8 @@ ALGORITHMS: dict[str, Row] = {
         track="continuous",
         config="agents.single.continuous_ppo:ContinuousPpoConfig",
         learner="stable_baselines3:PPO",
-        env={"random_start": 0.7},
+        policy="agents.networks.bounded_policy:BoundedPolicy",
+        env=_DRIVING,
         training=_NEVER_EXACT,
     ),
     "sac": Row(
@@ -175,7 +181,7 @@ ALGORITHMS: dict[str, Row] = {
         track="continuous",
         config="agents.single.sac:SacConfig",
         learner="stable_baselines3:SAC",
-        env={"random_start": 0.7},
+        env=_DRIVING,
         training=_NEVER_EXACT,
     ),
     "td3": Row(
@@ -183,7 +189,7 @@ ALGORITHMS: dict[str, Row] = {
         track="continuous",
         config="agents.single.td3:Td3Config",
         learner="stable_baselines3:TD3",
-        env={"random_start": 0.7},
+        env=_DRIVING,
         training=_NEVER_EXACT,
     ),
     "planner": Row(

@@ -29,12 +29,16 @@ COMMANDS = {
         "and write docs/shaping.md"
     ),
     "scenes": "draw the scenes of the package and write docs/scenes.md",
+    "families": "draw the families of generated factories and write docs/families.md",
     "codebook": (
         "compute how few configurations of the panel make the best path, tell what was learned, "
         "and write docs/codebook.md"
     ),
     "generalisation": (
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
+    ),
+    "intervals": (
+        "make every interval in docs/ anew from the results beside it, and write docs/intervals.md"
     ),
     "bounds": (
         "prove how short a continuous path can be in the paper's scene, and write docs/bounds.md"

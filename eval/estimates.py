@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from math import isinf
 from typing import Any
 
-from eval.statistics import ALL_EQUAL, Estimate
+from eval.statistics import ALL_EQUAL, FEW_SEEDS, Estimate
 
 
 def finite(value: float) -> float | None:
@@ -24,14 +24,15 @@ def estimate_as_json(found: Estimate) -> dict[str, Any]:
 
 def estimate_cell(found: Mapping[str, Any] | None, shown: Callable[[Any], str]) -> str:
     """The figure of such a record as `shown` writes it, and its interval below, or a mark where
-    all seeds are equal.
+    all seeds are equal, or too few for 95 %.
     """
     if found is None:
         return "–"
     if found["note"] == ALL_EQUAL:
         return f"{shown(found['value'])} †"
 
-    return f"{shown(found['value'])}{interval_below(found, shown)}"
+    mark = " ‡" if found["note"] == FEW_SEEDS else ""
+    return f"{shown(found['value'])}{mark}{interval_below(found, shown)}"
 
 
 def interval_below(found: Mapping[str, Any], shown: Callable[[Any], str]) -> str:

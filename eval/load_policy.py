@@ -15,6 +15,8 @@ from agents.registry import ALGORITHMS, drivers, generalists, observation_of, sp
 from agents.rollout.episode import SceneTask, arguments_of, env_id_of
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
+from irs_gym.datasets.generator import CELL_SIZE
+from irs_gym.datasets.scene_set import frame_of, scene_set_of
 from irs_gym.files import read_file
 from irs_gym.mdp.task import Task
 from irs_gym.radio.scene import load_scene
@@ -87,7 +89,11 @@ class Place:
         elements = own.pop("irs_elements", None)
         scene = scene if elements is None else scene.with_irs_elements(elements)
 
-        return {"scenes": [type(scene).model_validate({**scene.model_dump(), **own})]}, 0
+        changed = type(scene).model_validate({**scene.model_dump(), **own})
+
+        # in the frame in which the scene is scored
+        frame = frame_of(changed.grid(CELL_SIZE).shape)
+        return {"scenes": scene_set_of([changed], frame=frame)}, 0
 
 
 AT_HOME = Place()

@@ -19,6 +19,14 @@ _FACTOR = 8  # sides of the maps are padded to multiples of this many cells
 _MOST_EXTRA = 50.0  # a cell costs no more than this beside its length, however unlikely
 
 
+class Prices(NamedTuple):
+    """What the network says of the cells of maps seen in part, before it plans."""
+
+    cost: Tensor  # (B, X, Y), of entering a cell
+    is_goal: Tensor  # bool (B, X, Y)
+    feasible: Tensor  # (B, X, Y): logits that cells are feasible
+
+
 class Guess(NamedTuple):
     """What the network says of maps seen in part."""
 
@@ -72,6 +80,15 @@ class ExplorerNetwork(nn.Module):
         settings
             Of the IRS, ``(B, 3)``, see `irs_gym.mdp.task.irs_settings`.
         """
+        prices = self.prices(margin, goals, settings)
+        return Guess(self.plan(prices.cost, prices.is_goal), prices.feasible)
+
+    def plan(self, cost: Tensor, is_goal: Tensor) -> MapPlan:
+        """Plan for given costs of the cells; a map's plan is the same in any batch."""
+        return plan(costs_of_moves(cost), is_goal, self.log_beta.exp())
+
+    def prices(self, margin: Tensor, goals: Tensor, settings: Tensor) -> Prices:
+        """What cells cost, of the arguments of `forward`."""
         columns, rows = margin.shape[1:]
         is_known = ~margin.isnan()  # (B, X, Y), as the others
         is_feasible = is_known & (margin >= 0)
@@ -100,7 +117,7 @@ class ExplorerNetwork(nn.Module):
         extra = softplus(answer[:, 0]).clamp(max=_MOST_EXTRA)
         cost = torch.where(is_known, 1.0, 1.0 + extra).masked_fill(is_blocked, BLOCKED)
 
-        return Guess(plan(costs_of_moves(cost), is_goal, self.log_beta.exp()), answer[:, 1])
+        return Prices(cost, is_goal, answer[:, 1])
 
     def _guess(self, planes: Tensor) -> Tensor:
         # Down to an eighth of the map, and up again beside what was seen on the way down.

@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from agents.registry import network_class
-from irs_gym.datasets.scene_set import SceneSet
+from irs_gym.datasets.scene_set import SceneSet, frame_of
 from irs_gym.files import read_arrays
 from irs_gym.mdp.packing import GOAL, MARGIN, OBSTACLE, scaled_margin
 from irs_gym.memory import check_memory
 
 STILL = [MARGIN, OBSTACLE, GOAL]
 """Channels of the environment's map observation that stay the same while the robot moves."""
+
+TIE = 1e-3
+"""Logits that differ by less are equal: of such moves the first is taken."""
+_MARGIN, _OBSTACLE = STILL.index(MARGIN), STILL.index(OBSTACLE)
 
 FILE_BYTES = 2**28  # of a network's file and of its weights
 _TRAINED = 4  # times the weights that learning takes: gradients and two moments of Adam beside them
@@ -56,13 +60,45 @@ def maps_of(pool: SceneSet, scenes: NDArray[np.int64]) -> Tensor:
     return torch.from_numpy(maps)
 
 
-def plan_scene_set(network: nn.Module, pool: SceneSet, batch: int = 32) -> NDArray[np.float32]:
-    """Logits of a network for all cells of all scenes of a pool: ``(S, 8, X, Y)``."""
+def plan_scene_set(network: nn.Module, pool: SceneSet) -> NDArray[np.float32]:
+    """Logits of a network for all cells of all scenes of a pool, each by `plan_alone`: ``(S, 8, X,
+    Y)``.
+    """
     network.eval()
+    each = (maps_of(pool, np.array([n]))[0].numpy() for n in range(len(pool)))
+    return np.stack([plan_alone(network, one) for one in each])
+
+
+def plan_alone(network: nn.Module, maps: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Logits ``(8, X, Y)`` of a network for one map ``(3, X, Y)``, of no other influence.
+
+    In a batch, the last digits of a network's numbers depend on how large that is, and a padded map
+    is another map to some. So each map is seen alone, and in the frame of
+    `irs_gym.datasets.scene_set.frame_of` its cells up to the last one that is free. Cells outside
+    of it get 0.
+    """
+    inside = np.argwhere(maps[_OBSTACLE] == 0)  # (n, 2)
+    columns, rows = (inside.max(axis=0) + 1).tolist() if len(inside) else maps.shape[1:]
+    seen = np.zeros((len(STILL), *frame_of((columns, rows))), dtype=np.float32)
+    seen[_MARGIN] = -1.0
+    seen[_OBSTACLE] = 1.0
+    seen[:, :columns, :rows] = maps[:, :columns, :rows]
 
     with torch.inference_mode():
-        scenes = np.array_split(np.arange(len(pool)), -(-len(pool) // batch))
-        return np.concatenate([network(maps_of(pool, each)).logits.numpy() for each in scenes])
+        found = network(torch.from_numpy(seen[None])).logits[0].numpy()  # (8, ...)
+
+    logits = np.zeros((len(found), *maps.shape[1:]), dtype=np.float32)
+    logits[:, :columns, :rows] = found[:, :columns, :rows]
+
+    return logits
+
+
+def first_of_best(logits: NDArray[np.floating[Any]], axis: int) -> NDArray[np.int64]:
+    """The first move along an axis whose logit is the greatest, or less than `TIE` below it.
+
+    Ways of equal cost have sums that differ in their last digits, which depend on the machine.
+    """
+    return np.asarray((logits >= logits.max(axis=axis, keepdims=True) - TIE).argmax(axis=axis))
 
 
 def build_network(name: str, settings: Mapping[str, Any]) -> nn.Module:

@@ -5,11 +5,10 @@ from hashlib import blake2b
 from typing import IO, Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.networks.map_network import STILL, pack_network
+from agents.networks.map_network import STILL, first_of_best, pack_network, plan_alone
 from irs_gym.mdp.packing import ROBOT
 
 _REMEMBERED = 2**26  # bytes of logits
@@ -48,7 +47,8 @@ class MapPolicy:
         deterministic: bool = False,
     ) -> tuple[NDArray[np.int64], Any]:
         """Actions for one observation or a batch, as `agents.policies.policy.Policy` says: the
-        likeliest ones, or drawn.
+        likeliest ones, or drawn. Neither other observations in the batch nor blocked cells around
+        a map change them.
         """
         maps = np.asarray(observation, dtype=np.float32)
         batch = maps.reshape(-1, *maps.shape[-3:])  # (n, 4, X, Y)
@@ -59,8 +59,11 @@ class MapPolicy:
         )  # (n, 8)
 
         # With Gumbel noise, the greatest is a draw from the softmax.
-        noise = 0.0 if deterministic else self._rng.gumbel(size=logits.shape)
-        actions = (logits + noise).argmax(axis=1)
+        actions = (
+            first_of_best(logits, axis=1)
+            if deterministic
+            else (logits + self._rng.gumbel(size=logits.shape)).argmax(axis=1)
+        )
 
         return actions.reshape(maps.shape[:-3]), state
 
@@ -70,14 +73,11 @@ class MapPolicy:
 
     def _logits(self, maps: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         """Logits ``(8, X, Y)`` of each of the maps ``(B, 3, X, Y)``."""
-        # Maps are told apart by their content; those not known yet are asked for in one batch.
+        # Maps are told apart by their content; those not known yet are asked for one by one.
         keys = [blake2b(each.tobytes() + bytes(str(each.shape), "ascii")).digest() for each in maps]
         new = {key: n for n, key in enumerate(keys) if key not in self._known}
-        if new:
-            with torch.inference_mode():
-                logits = self.network(torch.from_numpy(maps[list(new.values())])).logits.numpy()
-
-            self._known.update(zip(new, logits, strict=True))
+        for key, n in new.items():
+            self._known[key] = plan_alone(self.network, maps[n])
 
         for key in keys:
             self._known.move_to_end(key)

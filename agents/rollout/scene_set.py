@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.networks.map_network import plan_scene_set
+from agents.networks.map_network import first_of_best, plan_scene_set
 from agents.policies.explorer_policy import Explorer
 from agents.policies.map_policy import MapPolicy
 from agents.policies.policy import Policy
+from agents.policies.replanning import Replanner
 from agents.rollout.rules import RULES
 from irs_gym.datasets.random_task import RandomTask, build_worlds
 from irs_gym.datasets.scene_set import SceneSet
@@ -68,6 +69,9 @@ def play_scene_set(
     """Greedy episodes of a policy, one in each scene, as in `IrsNavRandom-v0` from the scenes' own
     starts.
 
+    Each scene is seen in the frame of `irs_gym.datasets.scene_set.frame_of` its own room, so that
+    its episode is the same alone and among any others, large or small.
+
     Parameters
     ----------
     policy
@@ -77,18 +81,46 @@ def play_scene_set(
     observation
         What other policies see; the patch has the environment's usual radius.
     max_steps
-        Steps after which an episode ends; those of `most_steps` by default.
+        Steps after which an episode ends; those of `most_steps` in the scene's frame by default.
 
     Raises
     ------
     ValueError
         Where the policy cannot see maps of this size.
     """
+    groups = pool.by_frame()
+    found = [_play(policy, framed, observation, max_steps) for _, framed in groups]
+
+    # back in the order of the scenes
+    order = np.argsort(np.concatenate([numbers for numbers, _ in groups]))
+    is_success, distance = (
+        np.concatenate([getattr(each, name) for each in found])[order]
+        for name in ("is_success", "distance")
+    )
+
+    actions = np.full((len(pool), max(_kept(each).shape[1] for each in found)), NOTHING)
+    for (numbers, _), each in zip(groups, found, strict=True):
+        done = _kept(each)
+        actions[numbers, : done.shape[1]] = done
+
+    return SceneSetResults(is_success, distance, pool.oracle_distance, actions)
+
+
+def _kept(results: SceneSetResults) -> NDArray[np.int8]:
+    assert results.actions is not None
+    return results.actions
+
+
+def _play(
+    policy: Policy, pool: SceneSet, observation: Observation, max_steps: int | None
+) -> SceneSetResults:
+    """Episodes in scenes of one frame."""
     max_steps = most_steps(pool) if max_steps is None else max_steps
     if isinstance(policy, MapPolicy):
-        return follow(plan_scene_set(policy.network, pool), pool, max_steps)
+        moves = first_of_best(plan_scene_set(policy.network, pool), axis=1)  # (S, X, Y)
+        return _follow_moves(moves, pool, max_steps)
 
-    if isinstance(policy, Explorer):
+    if isinstance(policy, Explorer | Replanner):
         policy = replace(policy, shape=pool.shape)
 
     return roll_out_scene_set(policy, pool, observation, max_steps)
@@ -153,7 +185,11 @@ def follow(
         Steps after which an episode ends; those of `most_steps` by default.
     """
     max_steps = most_steps(pool) if max_steps is None else max_steps
-    moves = logits.argmax(axis=1)  # (S, X, Y)
+    return _follow_moves(logits.argmax(axis=1), pool, max_steps)
+
+
+def _follow_moves(moves: Ints, pool: SceneSet, max_steps: int) -> SceneSetResults:
+    """Follow the move ``(S, X, Y)`` of each cell."""
     ahead, kind = _successors(moves, pool)
     moves = moves.reshape(len(pool), -1)
     scenes = np.arange(len(pool))

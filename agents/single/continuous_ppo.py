@@ -14,21 +14,29 @@ class ContinuousPpoConfig(PpoConfig):
 
     algorithm: ClassVar[str] = "continuous_ppo"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init")
-    policy: ClassVar[str] = "agents.networks.bounded_policy:BoundedPolicy"
     env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
     total_timesteps: int = 1_600_000
     """Steps of the whole schedule, counted over all environments."""
     n_envs: int = 128
     """Environments that are stepped together."""
-    max_episode_steps: int = 32
+    max_episode_steps: int = 64
     """Steps after which a robot is set elsewhere in training: few, so that those that are stuck do
     not make most of what is learned from."""
     net_arch: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of each network."""
-    batch_size: int = 2048
+    n_steps: int = 32
+    """Steps of each environment between two updates."""
+    batch_size: int = 512
     """Transitions in a minibatch; must divide n_envs x n_steps."""
-    ent_coef: float = 0.05
+    n_epochs: int = 8
+    """Passes over the transitions in an update."""
+    gae_lambda: float = 0.95
+    """Trade-off between bias and variance in the advantages."""
+    signs: bool = True
+    """Whether networks are also told which numbers of an observation are at least 0: which cells
+    meet the target."""
+    ent_coef: float = 0.02
     """Weight of the entropy bonus at the start; it falls linearly, so that headings spread ever
     less."""
     final_ent_coef: float = 0.0

@@ -52,12 +52,10 @@ def build_model(config: Any, env: VecEnv, seed: int) -> Any:
 
 
 def policy_class(config: Sb3Config, space: spaces.Space[Any]) -> Any:
-    """The class of the policy for these observations: the settings' own, or one of SB3's."""
-    own = getattr(config, "policy", None)
-    if own is not None:
-        return named(own)
-
+    """The class of the policy for these observations: the algorithm's own, or one of SB3's."""
     row = ALGORITHMS[config.algorithm]
+    if row.policy is not None:
+        return named(row.policy)
 
     return named(row.mixes or row.learner).policy_aliases[policy_name(config, space)]
 

@@ -24,12 +24,12 @@ class Td3Config:
     """Learning rate at the end of the schedule."""
     gamma: float = 0.98
     """Discount factor."""
-    max_episode_steps: int = 32
+    max_episode_steps: int = 64
     """Steps after which a robot is set elsewhere in training: few, so that those that are stuck do
     not make most of what is learned from."""
     net_arch: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers of each network."""
-    signs: bool = False
+    signs: bool = True
     """Whether networks are also told which numbers of an observation are at least 0: which cells
     meet the target."""
     batch_size: int = 256

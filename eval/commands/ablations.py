@@ -2,12 +2,15 @@
 the optimum.
 """
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import Positional, arg
 
 from agents.rollout.episode import evaluation_env
+from eval.estimates import finite
 from eval.origin import commands_of
 from eval.pictures import write_pictures
 from eval.scoreboard.ablations import ablations_page
@@ -25,7 +28,7 @@ def main(
     out: Path = Path("docs"),
     trained_by: str | None = None,
 ) -> int:
-    """Write ablations.md and its figures from the runs of a sweep over variants on one problem.
+    """Write ablations.md, its data and its figures from a sweep over variants on one problem.
 
     Parameters
     ----------
@@ -55,8 +58,11 @@ def main(
             name: picture for name, picture in pictures.items() if name.endswith("-curves.png")
         }
         write_pictures(out / FIGURES, curves)
-        page = ablations_page(board, [f"{FIGURES}/{name}" for name in curves], found)
-        write_file(out / "ablations.md", page.encode())
+        board["figures"] = [f"{FIGURES}/{name}" for name in curves]
+        board["discounts"] = [{**asdict(each), "ratio": finite(each.ratio)} for each in found]
+        data = json.dumps(board, indent=1, allow_nan=False) + "\n"
+        write_file(out / "ablations.json", data.encode())
+        write_file(out / "ablations.md", ablations_page(board).encode())
 
         return results, left_out, str(out / "ablations.md")
 

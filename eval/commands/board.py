@@ -11,12 +11,10 @@ from tyro.conf import Positional, arg
 from eval.origin import commands_of
 from eval.pictures import write_pictures
 from eval.scoreboard.board import build_board
-from eval.scoreboard.page import scoreboard_page
+from eval.scoreboard.page import FIGURES, scoreboard_page
 from eval.scoreboard.report import html
 from eval.scoreboard.runs_page import Made, results_below, told
 from irs_gym.files import write_file
-
-FIGURES = "figures/scoreboard"
 
 
 def main(

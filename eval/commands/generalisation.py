@@ -18,13 +18,11 @@ from agents.registry import observation_of
 from agents.rollout.episode import TOLERANCE, roll_out
 from agents.rollout.scene_set import SceneSetResults
 from agents.runs import provenance
-from eval.estimates import estimate_as_json
 from eval.origin import commands_of, origins
 from eval.pictures import write_pictures
 from eval.scoreboard.results import LeftOut, tell_left_out
-from eval.statistics import estimate, paired_difference
 from eval.unseen.gallery import Scenery, choose_scenes, draw_gallery
-from eval.unseen.page import draw_scenes_curve, unseen_page
+from eval.unseen.page import FIGURES, draw_scenes_curve, unseen_page
 from eval.unseen.policy_results import (
     PolicyResult,
     Track,
@@ -34,14 +32,14 @@ from eval.unseen.policy_results import (
     result_of_runs,
 )
 from eval.unseen.pretrained_scores import score_pretrained
+from eval.unseen.record import DATA_BYTES, SCORES, estimated_anew
+from eval.unseen.scene_scores import SceneScores, key_of
 from eval.unseen.scores import HARD, detours, paper_scene_set
 from eval.unseen.throughput import throughput
 from irs_gym.datasets.generator import Difficulty, generate_scene
 from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
 from irs_gym.files import read_file, write_file
 
-FIGURES = "figures/generalisation"
-_DATA_BYTES = 2**24  # of generalisation.json
 SETS = ("test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms")
 PRETRAINED_SET = "ood-rooms"
 LARGE = "ood-size"
@@ -117,7 +115,7 @@ def main(
             result_of_reference(name, pools["local"], folder / "references")
             for name in PAGE_REFERENCES
         ]
-        record = record_of(entrants, left_out, pools)
+        record, scores = record_of(entrants, left_out, pools)
         record["pretrained"] = _pretrained(num_scenes)
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
         figures = {
@@ -125,6 +123,7 @@ def main(
             "gallery.png": gallery(entrants, pools),
         }
         write(record, figures, out)
+        scores.write(out / SCORES)
     except (OSError, ValueError) as error:
         print(f"python -m eval generalisation: {error}", file=sys.stderr)
         return 2
@@ -140,7 +139,7 @@ def rewrite(out: Path, num_scenes: int) -> None:
     """Score the pretrained models on scenes of their own set, and put them on the page that is
     there.
     """
-    content = read_file(out / "generalisation.json", _DATA_BYTES)
+    content = read_file(out / "generalisation.json", DATA_BYTES)
     record = json.loads(content)
     record["pretrained"] = _pretrained(num_scenes)
     write(record, {}, out)
@@ -185,21 +184,28 @@ def largest_scene_set(scenes: int) -> SceneSet:
 
 def record_of(
     entrants: Sequence[PolicyResult], left_out: Sequence[LeftOut], pools: ScenePools
-) -> dict[str, Any]:
-    """All that the page tells, as JSON holds it."""
-    rival = next(each for each in entrants if each.algorithm == "replanning")
-    return {
+) -> tuple[dict[str, Any], SceneScores]:
+    """All that the page tells, as JSON holds it, and the scores that its figures come from."""
+    told = [_entrant_record(each, pools[each.track]) for each in entrants]
+    tables = {
+        key_of(record): {name: each.table(name, lambda one: one.spl) for name in each.episodes}
+        for record, each in zip(told, entrants, strict=True)
+    }
+    scores = SceneScores.of(tables, pools)
+    record = {
         "format_version": 1,
         "hard": HARD,
         "sets": {
             track: {name: _set_record(pool) for name, pool in some.items()}
             for track, some in pools.items()
         },
-        "entrants": [_entrant_record(each, pools[each.track], rival) for each in entrants],
+        "entrants": told,
         "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],
         "throughput": throughput(),
         **origins([run for each in entrants for run in each.runs]),
     }
+
+    return estimated_anew(record, scores), scores
 
 
 def gallery(entrants: Sequence[PolicyResult], pools: ScenePools) -> bytes:
@@ -237,57 +243,17 @@ def _set_record(pool: SceneSet) -> dict[str, Any]:
     }
 
 
-def _entrant_record(
-    entrant: PolicyResult, pools: Mapping[str, SceneSet], rival: PolicyResult
-) -> dict[str, Any]:
+def _entrant_record(entrant: PolicyResult, pools: Mapping[str, SceneSet]) -> dict[str, Any]:
     return {
         "algorithm": entrant.algorithm,
         "name": entrant.name,
         "track": entrant.track,
         "training_scenes": entrant.scenes,
         "seeds": entrant.seeds,
+        "models": [run.manifest.models["best"].sha256 for run in entrant.runs],
         **_pace(entrant),
-        "sets": {
-            name: _results(entrant, name, pools[name], rival if entrant.track == "local" else None)
-            for name in entrant.episodes
-        },
         "paper": _paper(entrant, pools["paper"]) if "paper" in entrant.episodes else None,
     }
-
-
-def _results(
-    entrant: PolicyResult, name: str, pool: SceneSet, rival: PolicyResult | None
-) -> dict[str, Any]:
-    """Success, SPL and the ratio over successes, over seeds, on all scenes and on the hard ones."""
-    success = entrant.table(name, lambda each: each.is_success)
-    spl = entrant.table(name, lambda each: each.spl)
-    ratio = entrant.table(name, lambda each: each.ratios)
-    found: dict[str, Any] = {}
-
-    for label, chosen in (("all", np.ones(len(pool), dtype=bool)), ("hard", detours(pool) > HARD)):
-        if not chosen.any():  # (scenes,)
-            continue
-
-        # The ratio says nothing of failures; a seed without a success has none.
-        won = chosen & (success > 0)  # (seeds, scenes)
-        ratios = [
-            float(row[each].mean()) for row, each in zip(ratio, won, strict=True) if each.any()
-        ]
-        found[label] = {
-            "success": estimate_as_json(estimate(success[:, chosen])),
-            "spl": estimate_as_json(estimate(spl[:, chosen])),
-            "spl_by_seed": spl[:, chosen].mean(axis=1).tolist(),
-            "success_by_seed": success[:, chosen].mean(axis=1).tolist(),
-            "exact": float((won & (ratio <= 1.0 + TOLERANCE))[:, chosen].mean()),
-            "ratio": float(np.mean(ratios)) if ratios else None,
-        }
-        if rival is not None and rival is not entrant:
-            theirs = rival.table(name, lambda each: each.spl)
-            found[label]["over_replanning"] = estimate_as_json(
-                paired_difference((spl - theirs)[:, chosen])
-            )
-
-    return found
 
 
 def _paper(entrant: PolicyResult, pool: SceneSet) -> list[dict[str, Any]]:

@@ -32,10 +32,27 @@ from eval.unseen.scores import (
     unseen_table,
     write_unseen,
 )
+from irs_gym.datasets.generator import CELL_SIZE
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.files import write_file
 
-SplitName = Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms"]
+SplitName = Literal[
+    "train",
+    "val",
+    "test",
+    "ood-clutter",
+    "ood-irs",
+    "ood-size",
+    "ood-rooms",
+    "ood-maze",
+    "ood-doors",
+    "ood-spiral",
+    "ood-zigzag",
+    "ood-trap",
+    "ood-racks",
+    "ood-hall",
+    "ood-aps",
+]
 
 
 def main(
@@ -46,11 +63,10 @@ def main(
     episodes: int = 100,
     seed: int = 0,
     env: Literal["IrsNav-v0", "IrsNavRandom-v0"] | None = None,
-    split: tuple[
-        Literal["train", "val", "test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms"], ...
-    ] = ("test",),
+    split: tuple[SplitName, ...] = ("test",),
     num_scenes: int = 1000,
     scenes: Path | None = None,
+    cell_size: float = CELL_SIZE,
 ) -> int:
     """Score runs against the oracle.
 
@@ -77,6 +93,8 @@ def main(
         Scenes of each set, from the first on.
     scenes
         Folder of scene files to play in place of those sets; each says its own target.
+    cell_size
+        Metres: edge of a cell of the maps of unseen scenes.
     """
     if not runs or episodes < 1 or not split:
         print(
@@ -96,7 +114,7 @@ def main(
         unseen = {
             name for name, each in opened.items() if _is_unseen(each, env, scenes is not None)
         }
-        scene_sets = scene_sets_of(split, num_scenes, scenes) if unseen else {}
+        scene_sets = scene_sets_of(split, num_scenes, scenes, cell_size) if unseen else {}
     except (OSError, ValueError) as error:
         print(f"python -m eval score: {error}", file=sys.stderr)
         return 2

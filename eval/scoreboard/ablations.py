@@ -1,6 +1,7 @@
 """`ablations_page`: what each part of the task and of the setting is worth, as a page."""
 
 from collections.abc import Mapping, Sequence
+from math import inf
 from typing import Any
 
 from eval.markdown import table, template, template_sections, text
@@ -11,15 +12,14 @@ from eval.scoreboard.return_variance import DETOUR, ReturnVariance
 DISCOUNTS = "What separates routes that differ by 2 %"  # title of that section of the page
 
 
-def ablations_page(
-    board: Mapping[str, Any], figures: Sequence[str], found: Sequence[ReturnVariance]
-) -> str:
-    """The page of a board over variants on one problem (see `eval.scoreboard.board`), and of the
-    scatter of the problem's returns; ``figures`` are paths of its learning curves.
+def ablations_page(board: Mapping[str, Any]) -> str:
+    """The page of a board over variants on one problem (see `eval.scoreboard.board`), with the
+    paths of its learning curves, ``"figures"``, and the scatter of the problem's returns,
+    ``"discounts"``.
     """
     (problem,) = board["problems"]
     standings = [each for each in problem["standings"] if each["kind"] == "learned"]
-    curves = [f"![Learning curves of the variants]({each})" for each in figures]
+    curves = [f"![Learning curves of the variants]({each})" for each in board["figures"]]
 
     return template("ablations.md").format(
         problem=text(problem["label"]),
@@ -30,7 +30,7 @@ def ablations_page(
         worth=_worth_table(standings),
         curves="\n\n".join(curves),
         origin=origin_text(board),
-        **_discounts_fields(problem["oracle_distance"], found),
+        **_discounts_fields(problem["oracle_distance"], _variances(board["discounts"])),
     )
 
 
@@ -46,6 +46,14 @@ def _discounts_fields(oracle_distance: float, found: Sequence[ReturnVariance]) -
         "metres": DETOUR * oracle_distance,
         "discounts": _discounts_table(found),
     }
+
+
+def _variances(kept: Sequence[Mapping[str, Any]]) -> list[ReturnVariance]:
+    """From JSON, where null stands for infinity."""
+    return [
+        ReturnVariance(**{**each, "ratio": inf if each["ratio"] is None else each["ratio"]})
+        for each in kept
+    ]
 
 
 def _worth_table(standings: Sequence[Mapping[str, Any]]) -> str:

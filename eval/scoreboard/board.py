@@ -13,9 +13,11 @@ from eval.markdown import printable
 from eval.origin import origins
 from eval.scoreboard.learning_curves import draw_curves
 from eval.scoreboard.overlay import draw_path_overlay, map_of
+from eval.scoreboard.page import BANDS
 from eval.scoreboard.results import Group, LeftOut, Result
 from eval.scoreboard.seed_scores import (
     SeedScores,
+    episode_record,
     group_names,
     learned,
     overall,
@@ -35,6 +37,10 @@ def build_board(
     problems = sorted(
         {group.problem for group, found in by_group.items() if found}, key=lambda each: each.order
     )
+    runs = {
+        group: [_run_record(each, names[group]) for each in found]
+        for group, found in by_group.items()
+    }
     records = []
     pictures: dict[str, bytes] = {}
 
@@ -45,7 +51,7 @@ def build_board(
         any_result = next(found[0] for found in here.values() if found)
         first, standings = references(any_result, episodes, seed)
         standings[1:1] = [
-            learned(names[group], found, _missing(left_out, group)) for group, found in here.items()
+            learned(names[group], runs[group], _missing(left_out, group)) for group in here
         ]
 
         named = {names[group]: found for group, found in here.items() if found}
@@ -56,14 +62,12 @@ def build_board(
     board = {
         "format_version": 1,
         "confidence": statistics.CONFIDENCE,
-        "resamples": statistics.RESAMPLES,
+        "bands": BANDS,
         "episodes": episodes,
         "problems": records,
-        "overall": _overall(by_group, names, len(problems)),
+        "overall": _overall(runs, names, len(problems)),
         "settings": {names[group]: group.values for group in by_group},
-        "runs": [
-            _run_record(each, names[group]) for group, found in by_group.items() for each in found
-        ],
+        "runs": [each for rows in runs.values() for each in rows],
         "left_out": [_left_out_record(each, names) for each in left_out],
         **origins([each.run for each in results]),
     }
@@ -108,14 +112,14 @@ def _draw(
 
 
 def _overall(
-    by_group: Mapping[Group, list[Result]], names: Mapping[Group, str], problems: int
+    runs: Mapping[Group, list[dict[str, Any]]], names: Mapping[Group, str], problems: int
 ) -> list[dict[str, Any]]:
     """What each name did over all of its problems."""
-    by_name: dict[str, list[list[Result]]] = {}
+    by_name: dict[str, list[list[dict[str, Any]]]] = {}
 
-    for group, found in by_group.items():
-        if found:
-            by_name.setdefault(names[group], []).append(found)
+    for group, rows in runs.items():
+        if rows:
+            by_name.setdefault(names[group], []).append(rows)
 
     return [overall(name, found, problems) for name, found in by_name.items()]
 
@@ -142,13 +146,8 @@ def _run_record(result: Result, name: str) -> dict[str, Any]:
         "policy": name,
         "seed": result.seed,
         "status": result.run.manifest.status,
-        "is_success": episode.is_success,
-        "is_optimal": episode.is_optimal,
+        **episode_record(episode),
         "distance": episode.distance,
-        "ratio": episode.ratio,
-        "spl": episode.spl,
-        "soft_spl": episode.soft_spl,
-        "refused": episode.refused,
         "steps_to_optimum": finite(result.steps_to_optimum),
         "seconds_to_optimum": finite(result.seconds_to_optimum),
         "steps": curve.steps[-1],

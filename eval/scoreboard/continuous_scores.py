@@ -13,7 +13,7 @@ from agents.rollout.episode import TOLERANCE, EpisodeResult, evaluation_env
 from eval.estimates import estimate_as_json, finite
 from eval.scoreboard.results import Result
 from eval.scoreboard.score import RANDOM, play_references
-from eval.statistics import Estimate, estimate, mean, median, share
+from eval.statistics import Estimate, estimate, estimate_median, share
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Standing:
         seconds = [_first_shorter(each, grid) for each in results]
 
         return replace(
-            standing, estimates={**standing.estimates, "seconds": estimate(seconds, median)}
+            standing, estimates={**standing.estimates, "seconds": estimate_median(seconds)}
         )
 
     @property
@@ -106,8 +106,8 @@ def _of_episodes(
     estimates = {
         "success": share(sum(each.is_success for each in episodes), len(episodes)),
         "shorter": share(shorter, len(episodes)),
-        "ratio": estimate(ratios, median),
-        "spl": estimate([each.spl for each in episodes], mean),
+        "ratio": estimate_median(ratios),
+        "spl": estimate([each.spl for each in episodes], within=(0.0, 1.0)),
     }
 
     return Standing(name, kind, tuple(seeds), tuple(distances), shorter, estimates)

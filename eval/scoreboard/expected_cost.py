@@ -2,7 +2,7 @@
 policies; `expectation`: of one mixture.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from agents.single.mixture import Mixture
 from agents.single.priced_vec_env import play
 from eval.estimates import estimate_as_json, finite
 from eval.scoreboard.results import Result
-from eval.statistics import Estimate, share, t_interval
+from eval.statistics import estimate, share
 from irs_gym.mdp.cost import cost_map
 from irs_gym.mdp.task import Task, build_world
 from irs_gym.oracle.pareto_front import pareto_front
@@ -75,22 +75,9 @@ class Expected:
         """What they have to solve."""
         return self.results[0].problem
 
-    @property
-    def estimates(self) -> dict[str, Estimate]:
-        """Over seeds: expected cost and distance, the gap to the hull as a share, and the share of
-        the seeds that meet the bound.
-        """
-        costs, distances = self.outcomes.T
-        return {
-            "cost": t_interval(costs),
-            "distance": t_interval(distances),
-            "gap": t_interval(distances / self.optimum - 1.0),
-            "within": share(int(self._meet(costs).sum()), len(costs)),
-        }
-
     def as_json(self) -> dict[str, Any]:
         """All of it for JSON."""
-        return {
+        record = {
             "problem": self.problem.label,
             "bound": self.bound,
             "optimum": self.optimum,
@@ -99,33 +86,65 @@ class Expected:
             "costs": [finite(each) for each in self.outcomes[:, 0].tolist()],
             "distances": [finite(each) for each in self.outcomes[:, 1].tolist()],
             "seconds": [float(each.curve.seconds[-1]) for each in self.results],
-            "estimates": {name: estimate_as_json(each) for name, each in self.estimates.items()},
-            "penalties": self.penalties(),
+            "rounds": [[finite(number) for number in each] for each in self.rounds.tolist()],
         }
+        return estimated_anew(record)
 
-    def penalties(self) -> list[dict[str, Any]]:
-        """What one policy, PPO's at a fixed price of the cost, did: the rounds, by their price."""
-        prices = np.round(self.rounds[:, 0], 3)
-        records = []
 
-        for price in np.unique(prices):
-            trained = self.rounds[prices == price, 1:]
-            costs, distances = trained[np.isfinite(trained).all(axis=1)].T
-            records.append(
-                {
-                    "price": float(price),
-                    "trainings": len(trained),
-                    "arrived": len(costs),
-                    "within": int(self._meet(costs).sum()),
-                    "cost": estimate_as_json(t_interval(costs)) if len(costs) else None,
-                    "distance": estimate_as_json(t_interval(distances)) if len(costs) else None,
-                }
-            )
+def estimated_anew(record: Mapping[str, Any]) -> dict[str, Any]:
+    """The record of `Expected.as_json` with all estimates from the outcomes that it keeps.
 
-        return records
+    ``estimates``, over seeds: expected cost and distance, the gap to the hull as a share, and the
+    share of the seeds that meet the bound.
+    """
+    costs = _outcomes(record["costs"])
+    distances = _outcomes(record["distances"])
+    found = {
+        "cost": estimate(costs),
+        "distance": estimate(distances),
+        "gap": estimate(distances / record["optimum"] - 1.0),
+        "within": share(int(_meet(costs, record["bound"]).sum()), len(costs)),
+    }
 
-    def _meet(self, costs: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return costs <= self.bound * (1.0 + _ROUNDING)
+    return {
+        **record,
+        "estimates": {name: estimate_as_json(each) for name, each in found.items()},
+        "penalties": _penalties(_outcomes(record["rounds"]).reshape(-1, 3), record["bound"]),
+    }
+
+
+def _penalties(rounds: NDArray[np.float64], bound: float) -> list[dict[str, Any]]:
+    """What one policy, PPO's at a fixed price of the cost, did: the rounds ``(R, 3)``, by their
+    price.
+    """
+    prices = np.round(rounds[:, 0], 3)
+    records = []
+
+    for price in np.unique(prices):
+        trained = rounds[prices == price, 1:]
+        costs, distances = trained[np.isfinite(trained).all(axis=1)].T
+        records.append(
+            {
+                "price": float(price),
+                "trainings": len(trained),
+                "arrived": len(costs),
+                "within": int(_meet(costs, bound).sum()),
+                "cost": estimate_as_json(estimate(costs)) if len(costs) else None,
+                "distance": estimate_as_json(estimate(distances)) if len(costs) else None,
+            }
+        )
+
+    return records
+
+
+def _outcomes(kept: Sequence[Any]) -> NDArray[np.float64]:
+    """Numbers from JSON, where null stands for infinity."""
+    values = np.array(kept, dtype=np.float64)
+    return np.where(np.isnan(values), np.inf, values)
+
+
+def _meet(costs: NDArray[np.float64], bound: float) -> NDArray[np.bool_]:
+    return costs <= bound * (1.0 + _ROUNDING)
 
 
 def expectation(mixture: Mixture, task: Task) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from agents.rollout.episode import EpisodeResult
 from eval.pictures import add_legend, as_png
 from irs_gym.mdp.codebook_rules import CodebookMaps, reach_world
 from irs_gym.mdp.task import World
+from irs_gym.rendering.episode_view import room_grid
 
 BROAD: dict[str, Any] = {"color": "white", "linewidth": 5.0, "linestyle": "-"}
 COLOURS = ("tab:orange", "tab:red", "tab:cyan", "magenta", "lime")
@@ -102,16 +103,17 @@ def _style(n: int) -> dict[str, Any]:
 
 def draw_feasible_map(axes: Axes, world: World) -> AxesImage:
     """Gain in colour, obstacles in black, cells below the target pale and hatched."""
-    grid = world.radio_map.grid
+    grid = room_grid(world.scene, world.radio_map.grid)
     (left, bottom), (right, top) = grid.origin, grid.upper
-    free = world.radio_map.free
+    own = (slice(grid.shape[0]), slice(grid.shape[1]))
+    free = world.radio_map.free[own]
 
     # What is not free is not drawn: there the axes are seen. imshow takes rows first, so y first.
-    gain_db = np.where(free, world.radio_map.gain_db, np.nan)  # (X, Y)
+    gain_db = np.where(free, world.radio_map.gain_db[own], np.nan)  # (X, Y)
     image = axes.imshow(gain_db.T, origin="lower", extent=(left, right, bottom, top))
     axes.set_facecolor("black")
 
-    below = np.argwhere(free & ~world.feasible)  # (n, 2)
+    below = np.argwhere(free & ~world.feasible[own])  # (n, 2)
     if len(below):  # one shape of all squares, so that the hatching runs through
         corners = [grid.origin + cell * grid.cell_size for cell in below]
         squares = [

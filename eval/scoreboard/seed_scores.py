@@ -1,34 +1,37 @@
 """`SeedScores`: how the seeds of one algorithm, or a reference policy, did on one problem; and over
 all problems.
+
+All estimates come from records of episodes, as the scoreboard's data keep them, so that anybody can
+make them anew.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any
-
-import numpy as np
 
 from agents.registry import ALGORITHMS
 from agents.rollout.episode import EpisodeResult, evaluation_env
 from eval.estimates import estimate_as_json
 from eval.scoreboard.results import Group, Result
-from eval.scoreboard.score import RANDOM, play_references
+from eval.scoreboard.score import play_references
 from eval.statistics import (
+    SCORE,
     Estimate,
     estimate,
+    estimate_median,
     interquartile_mean,
     mean,
-    median,
     optimality_gap,
     share,
 )
 
 AGGREGATES = {"mean": mean, "iqm": interquartile_mean, "gap": optimality_gap}
-METRICS: dict[str, Callable[[EpisodeResult], float]] = {
-    "spl": lambda episode: episode.spl,
-    "soft_spl": lambda episode: episode.soft_spl,
-}
+METRICS = ("spl", "soft_spl")
+CLOCKS = ("steps_to_optimum", "seconds_to_optimum")
+
+Row = Mapping[str, Any]
+"""What one episode did, as `episode_record` tells it; of a run, with its seed and `CLOCKS`."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ class SeedScores:
         ``spl_gap`` and the same of ``soft_spl`` count a failure's SPL as 0; ``ratio``,
         ``steps_to_optimum`` and ``seconds_to_optimum`` are medians in which a failure is infinite;
         ``refused`` is a mean.
+    played
+        The episodes of a reference policy; those of runs are kept with the runs.
     """
 
     name: str
@@ -58,21 +63,28 @@ class SeedScores:
     seeds: tuple[int, ...]
     left_out: int
     estimates: dict[str, Estimate]
+    played: tuple[Row, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The standing for JSON, which has no infinity: null stands for it."""
-        estimates = {name: estimate_as_json(each) for name, each in self.estimates.items()}
-        return {**vars(self), "seeds": list(self.seeds), "estimates": estimates}
+        return {
+            **vars(self),
+            "seeds": list(self.seeds),
+            "estimates": _as_json(self.estimates),
+            "played": list(self.played),
+        }
 
 
-def learned(name: str, results: Sequence[Result], left_out: int) -> SeedScores:
+def episode_record(episode: EpisodeResult) -> dict[str, Any]:
+    """What the estimates need of an episode, for JSON."""
+    names = ("is_success", "is_optimal", "ratio", "spl", "soft_spl", "refused")
+    return {name: getattr(episode, name) for name in names}
+
+
+def learned(name: str, rows: Sequence[Row], left_out: int) -> SeedScores:
     """Standing of one group of runs; it has no estimates where all its runs are left out."""
-    estimates = _of_episodes([each.episode for each in results]) if results else {}
-
-    for clock in ("steps_to_optimum", "seconds_to_optimum") if results else ():
-        estimates[clock] = estimate([getattr(each, clock) for each in results], median)
-
-    return SeedScores(name, "learned", tuple(each.seed for each in results), left_out, estimates)
+    seeds = tuple(each["seed"] for each in rows)
+    return SeedScores(name, "learned", seeds, left_out, _of_runs(rows))
 
 
 def references(
@@ -84,44 +96,76 @@ def references(
     standings = []
 
     for name, played in play_references(env, {}, episodes, seed).items():
-        estimates = _of_episodes(played)
-        if name not in RANDOM:  # one episode is all that it ever does: no interval
-            estimates = {
-                key: replace(each, low=None, high=None, note="") for key, each in estimates.items()
-            }
-
+        rows = tuple(episode_record(each) for each in played)
         first[name] = played[0]
         standings.append(
-            SeedScores(name.replace("_", " "), "reference", tuple(range(len(played))), 0, estimates)
+            SeedScores(
+                name.replace("_", " "),
+                "reference",
+                tuple(range(len(rows))),
+                0,
+                _of_reference(rows),
+                rows,
+            )
         )
 
     return first, standings
 
 
-def overall(name: str, groups: Sequence[Sequence[Result]], problems: int) -> dict[str, Any]:
-    """Scores of one algorithm over all problems, for JSON; whole seeds are resampled, with all that
-    each one did.
+def overall(name: str, groups: Sequence[Sequence[Row]], problems: int) -> dict[str, Any]:
+    """Scores of one algorithm over all problems, for JSON; a seed is one draw, with all that it
+    did.
 
     Where the problems do not have the same seeds, those that all have count.
     """
-    by_seed = [{each.seed: each.episode for each in results} for results in groups]
+    by_seed = [{each["seed"]: each for each in rows} for rows in groups]
 
-    # only a seed that played every problem can be resampled as a whole
+    # only a seed that played every problem counts as a whole
     seeds = sorted(set.intersection(*map(set, by_seed)))
     found: dict[str, Any] = {"name": name, "problems": len(groups), "of": problems, "seeds": seeds}
-    runs = [each for results in groups for each in results]
-    found["at_optimum"] = {"runs": sum(each.episode.is_optimal for each in runs), "of": len(runs)}
+    runs = [each for rows in groups for each in rows]
+    found["at_optimum"] = {"runs": sum(each["is_optimal"] for each in runs), "of": len(runs)}
 
-    for score, value in METRICS.items():
+    for score in METRICS:
         # (seeds, problems)
-        table = [[value(episodes[seed]) for episodes in by_seed] for seed in seeds]
+        table = [[rows[seed][score] for rows in by_seed] for seed in seeds]
 
         for aggregate, statistic in AGGREGATES.items():
             found[f"{score}_{aggregate}"] = (
-                estimate_as_json(estimate(table, statistic)) if seeds else None
+                estimate_as_json(estimate(table, statistic, SCORE)) if seeds else None
             )
 
     return found
+
+
+def estimated_anew(board: Mapping[str, Any]) -> dict[str, Any]:
+    """A scoreboard, as JSON holds it, with all estimates from the episodes that it keeps."""
+    by_name: dict[str, dict[str, list[Row]]] = {}
+    for run in board["runs"]:
+        by_name.setdefault(run["policy"], {}).setdefault(run["problem"], []).append(run)
+
+    problems = []
+    for problem in board["problems"]:
+        standings = []
+
+        for each in problem["standings"]:
+            if each["kind"] == "learned":
+                rows = by_name.get(each["name"], {}).get(problem["label"], [])
+                found = _of_runs(rows)
+            else:
+                found = _of_reference(each["played"])
+
+            standings.append({**each, "estimates": _as_json(found)})
+
+        problems.append({**problem, "standings": standings})
+
+    return {
+        **board,
+        "problems": problems,
+        "overall": [
+            overall(name, list(groups.values()), len(problems)) for name, groups in by_name.items()
+        ],
+    }
 
 
 def group_names(groups: Sequence[Group]) -> dict[Group, str]:
@@ -155,17 +199,43 @@ def _differences(group: Group, other: Group) -> dict[str, Any]:
     }
 
 
-def _of_episodes(episodes: Sequence[EpisodeResult]) -> dict[str, Estimate]:
-    estimates = {
-        "success": share(sum(each.is_success for each in episodes), len(episodes)),
-        "at_optimum": share(sum(each.is_optimal for each in episodes), len(episodes)),
-        "ratio": estimate([inf if each.ratio is None else each.ratio for each in episodes], median),
-        "refused": estimate([each.refused for each in episodes]),
+def _of_runs(rows: Sequence[Row]) -> dict[str, Estimate]:
+    if not rows:
+        return {}
+
+    clocks = {
+        name: estimate_median([inf if each[name] is None else each[name] for each in rows])
+        for name in CLOCKS
     }
-    for score, value in METRICS.items():
-        values = np.array([value(each) for each in episodes])
+    return {**_of_episodes(rows), **clocks}
+
+
+def _of_reference(rows: Sequence[Row]) -> dict[str, Estimate]:
+    estimates = _of_episodes(rows)
+    if len(rows) > 1:
+        return estimates
+
+    # one episode is all that it ever does: no interval
+    return {key: replace(each, low=None, high=None, note="") for key, each in estimates.items()}
+
+
+def _of_episodes(rows: Sequence[Row]) -> dict[str, Estimate]:
+    ratios = [inf if each["ratio"] is None else each["ratio"] for each in rows]
+    estimates = {
+        "success": share(sum(each["is_success"] for each in rows), len(rows)),
+        "at_optimum": share(sum(each["is_optimal"] for each in rows), len(rows)),
+        "ratio": estimate_median(ratios),
+        "refused": estimate([each["refused"] for each in rows], within=(0.0, inf)),
+    }
+    for score in METRICS:
+        values = [each[score] for each in rows]
         estimates |= {
-            f"{score}_{name}": estimate(values, statistic) for name, statistic in AGGREGATES.items()
+            f"{score}_{name}": estimate(values, statistic, SCORE)
+            for name, statistic in AGGREGATES.items()
         }
 
     return estimates
+
+
+def _as_json(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    return {name: estimate_as_json(each) for name, each in estimates.items()}

@@ -13,7 +13,9 @@ from eval.markdown import code, table, template, template_sections, text
 from eval.origin import commands_block, origin_text
 from eval.pictures import as_png
 from eval.unseen.policy_results import is_point
+from eval.unseen.scene_scores import RIVALS
 
+FIGURES = "figures/generalisation"  # beside the page
 KINDS = {  # of scenes, by the name of a set
     "test": "the training scenes' kind",
     "ood-clutter": "13 to 24 boxes, more than in any training scene",
@@ -48,6 +50,10 @@ def unseen_page(record: Mapping[str, Any], figures: str) -> str:
         large_scenes=sets["local"]["ood-size"]["scenes"],
         local_scores=_scores_table(local),
         local_elsewhere=_elsewhere_table(local, sets["local"]),
+        intervals=_intervals_text(record["over"], "all"),
+        differences=_intervals_text(record["over"], "differences"),
+        clear=_clear_table(local, sets["local"]),
+        shipped=_shipped_table(record),
         pretrained=_pretrained_section(record.get("pretrained")),
         paper=_paper_table([*on_map, *local]),
         curve=_curve_table(record["entrants"]),
@@ -152,18 +158,92 @@ def _plain_cell(value: float | None) -> str:
     return "–" if value is None else f"{value:.4f}"
 
 
-def _is_local(entrants: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether they are compared with replanning."""
-    return any("over_replanning" in each["sets"]["test"]["all"] for each in entrants)
+def _intervals_text(over: str, of: str) -> str:
+    """What intervals are over, in words: all, or those of differences."""
+    section = template_sections("unseen_intervals.md")[f"{of}, over {over}"]
+    return section.partition("\n")[2].strip()
+
+
+def _shipped_table(record: Mapping[str, Any]) -> str:
+    """The models that come with the package beside the means of their seeds, on each set."""
+    if not record["shipped"]:
+        return "None of the models in `models/` is one of the seeds above."
+
+    entrants = {(each["name"], each["training_scenes"]): each for each in record["entrants"]}
+    names = [name for name in KINDS if any(name in each["spl"] for each in record["shipped"])]
+    names = [name for name in names if name != "paper"]
+    rows = []
+
+    for each in record["shipped"]:
+        entrant = entrants[each["name"], each["training_scenes"]]
+        row = [
+            text(each["name"]),
+            _whole_number(each["training_scenes"]),
+            f"{each['seed']}, of {each['chosen_among']} runs",
+            f"{each['validation_spl']:.4f}",
+        ]
+        for name in names:
+            if name not in each["spl"]:
+                row.append("–")
+                continue
+
+            mean = entrant["sets"][name]["all"]["spl"]["value"]
+            row.append(f"{_score_cell(each['spl'][name])}<br>(seeds: {mean:.4f})")
+
+        rows.append(row)
+
+    header = ("policy", "training scenes", "seed", "validation SPL", *names)
+    return table(header, rows)
+
+
+def _clear_table(entrants: Sequence[Mapping[str, Any]], sets: Mapping[str, Any]) -> str:
+    """On which sets a learned policy differs from a rival, and on which that is open."""
+    rivals = _rivals(entrants)
+    rows = []
+
+    for each in entrants:
+        for rival in rivals if each["seeds"] else ():
+            found: dict[str, list[str]] = {"above": [], "below": [], "open": []}
+
+            for name in sets:
+                if name != "paper" and name in each["sets"]:
+                    interval = each["sets"][name]["all"][rival]["interval"]
+                    found[_side(interval)].append(name)
+
+            cells = (", ".join(names) or "–" for names in found.values())
+            rows.append((text(each["name"]), rival.replace("_", " "), *cells))
+
+    return table(("policy", "difference", "above zero", "below zero", "open"), rows)
+
+
+def _side(interval: Sequence[float] | None) -> str:
+    """Where an interval of a difference lies."""
+    if interval is None or interval[0] <= 0.0 <= interval[1]:
+        return "open"
+
+    return "above" if interval[0] > 0.0 else "below"
+
+
+def _rivals(entrants: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Whom they are compared with: ``"over_replanning"`` and so on."""
+    return [
+        name
+        for name in RIVALS.values()
+        if any(name in each["sets"]["test"]["all"] for each in entrants)
+    ]
+
+
+def _rival_titles(rivals: Sequence[str]) -> list[str]:
+    return [name.replace("_", " ") for name in rivals]
 
 
 def _scores_table(entrants: Sequence[Mapping[str, Any]]) -> str:
     """Scores on the test scenes, and what training took."""
-    is_local = _is_local(entrants)
+    rivals = _rivals(entrants)
     header = [
         *("policy", "training scenes", "seeds", "success", "SPL", "ratio", "exact"),
         *("success, hard", "SPL, hard"),
-        *(["over replanning"] if is_local else []),
+        *_rival_titles(rivals),
         *("steps/s", "seconds"),
     ]
     rows = []
@@ -182,9 +262,7 @@ def _scores_table(entrants: Sequence[Mapping[str, Any]]) -> str:
             _score_cell(hard["success"] if hard else None),
             _score_cell(hard["spl"] if hard else None),
         ]
-        if is_local:
-            row.append(_difference_cell(whole.get("over_replanning")))
-
+        row += [_difference_cell(whole.get(name)) for name in rivals]
         row += [_whole_number(each["steps_per_second"]), _whole_number(each["seconds"])]
         rows.append(row)
 
@@ -194,7 +272,7 @@ def _scores_table(entrants: Sequence[Mapping[str, Any]]) -> str:
 def _elsewhere_table(entrants: Sequence[Mapping[str, Any]], sets: Mapping[str, Any]) -> str:
     """Success and SPL on the sets of other kinds."""
     names = [name for name in sets if name not in ("test", "paper")]
-    is_local = _is_local(entrants)
+    rivals = _rivals(entrants)
     rows = []
 
     for each in entrants:
@@ -203,19 +281,18 @@ def _elsewhere_table(entrants: Sequence[Mapping[str, Any]], sets: Mapping[str, A
         for name in names:
             found = each["sets"].get(name)
             if found is None:  # it cannot play maps of this size
-                row.append("–")
+                row += ["–"] * (1 + len(rivals))
                 continue
 
             whole = found["all"]
             row.append(f"{whole['success']['value']:.3f}, {_score_cell(whole['spl'])}")
-            if is_local:
-                row.append(_difference_cell(whole.get("over_replanning")))
+            row += [_difference_cell(whole.get(rival)) for rival in rivals]
 
         rows.append(row)
 
     header = ["policy"]
     for name in names:
-        header += [name, "over replanning"] if is_local else [name]
+        header += [name, *_rival_titles(rivals)]
 
     return table(header, rows)
 

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import numpy as np
 import torch
@@ -28,10 +29,12 @@ from agents.rollout.scene_set import SceneSetResults, follow, play_scene_set
 from agents.runs import provenance
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run, RunError
+from irs_gym.datasets.generator import CELL_SIZE
 from irs_gym.datasets.random_task import RandomTask, build_worlds
 from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
+from irs_gym.datasets.solved_scene import solve
 from irs_gym.files import read_file, write_file
-from irs_gym.grid import octile_distance
+from irs_gym.grid import checked_cell_size, octile_distance
 from irs_gym.mdp.task import Task
 from irs_gym.radio.scene import load_scene, load_scenes
 
@@ -181,11 +184,12 @@ def detours(pool: SceneSet) -> NDArray[np.float64]:
     return pool.oracle_distance / (octile_distance(pool.goal - pool.start) * pool.cell_size)
 
 
-def paper_scene_set() -> SceneSet:
+def paper_scene_set(cell_size: float = CELL_SIZE) -> SceneSet:
     """The paper's scene at each of `PAPER_TARGETS_DB`, which no agent learns on."""
     paper = load_scene("paper")
     scenes = [paper.model_copy(update={"target_db": target}) for target in PAPER_TARGETS_DB]
-    return scene_set_of(scenes, [f"paper at {target:g} dB" for target in PAPER_TARGETS_DB])
+    names = [f"paper at {target:g} dB" for target in PAPER_TARGETS_DB]
+    return scene_set_of(scenes, names, cell_size=cell_size)
 
 
 def score_unseen(player: Player, pools: Mapping[str, SceneSet]) -> Found:
@@ -217,24 +221,57 @@ def write_unseen(run: Run, model: str, found: Found) -> Path:
 
 
 def scene_sets_of(
-    splits: Sequence[str], num_scenes: int, scenes: Path | None
+    splits: Sequence[str], num_scenes: int, scenes: Path | None, cell_size: float = CELL_SIZE
 ) -> dict[str, SceneSet]:
     """What is scored on: the first scenes of each split and the paper's, or else the scene files of
-    a folder.
+    a folder; in cells of any size.
+
+    Warns
+    -----
+    UserWarning
+        Where scenes of a split, which are feasible in cells of 0.5 m, are not in others: they are
+        left out.
 
     Raises
     ------
     FileNotFoundError
         Where there is no such folder.
     ValueError
-        Where it holds no valid scene, or one whose target is infeasible.
+        Where it holds no valid scene, or one whose target is infeasible, or cells do not fit.
     """
+    cell_size = checked_cell_size(cell_size)
     if scenes is not None:
-        return {str(scenes): scene_set_of(load_scenes(scenes))}
+        return {str(scenes): scene_set_of(load_scenes(scenes), cell_size=cell_size)}
+
     return {
-        **{split: build_scene_set(split, num_scenes) for split in splits},
-        "paper": paper_scene_set(),
+        **{split: _in_cells_of(build_scene_set(split, num_scenes), cell_size) for split in splits},
+        "paper": paper_scene_set(cell_size),
     }
+
+
+def _in_cells_of(pool: SceneSet, cell_size: float) -> SceneSet:
+    """The scenes of a set in cells of another size, without those that are infeasible there."""
+    if cell_size == pool.cell_size:
+        return pool
+
+    kept = []
+    lost = []
+    for scene in pool.scenes:
+        try:
+            solve(scene, cell_size)
+            kept.append(scene)
+        except ValueError as error:
+            lost.append(f"{scene.name}: {error}")
+
+    if not kept:
+        raise ValueError(f"cell_size={cell_size}: no scene can be played: {lost[0]}")
+    if lost:
+        warn(
+            f"{len(lost)} of {len(pool)} scenes are left out at cell_size={cell_size}: {lost[0]}",
+            stacklevel=3,
+        )
+
+    return scene_set_of(kept, cell_size=cell_size)
 
 
 def unseen_table(found: Found) -> Table:

@@ -2,16 +2,17 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil, floor
+from math import ceil, dist, floor
 from numbers import Real
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.floor_plan import draw_walls
+from irs_gym.datasets.layouts.families import FamilyName, Layout, draw_layout
+from irs_gym.datasets.layouts.floor_plan import draw_walls
 from irs_gym.datasets.solved_scene import SolvedScene, radio_map_of
-from irs_gym.grid import Cell, Grid, as_cell, checked_point
+from irs_gym.grid import Cell, Grid, as_cell, checked_point, octile_distance
 from irs_gym.mdp.robot import PAPER_ROBOT, Collision, Robot
 from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target, largest_component
 from irs_gym.radio.fields import Point3, Wall
@@ -33,6 +34,12 @@ FACTORIES = 10_000  # drawn before a difficulty is given up
 TRIES = 12  # tasks tried in one factory, whose map costs more than they
 LEAST_FLOOR = 0.4  # of the room: the largest piece of floor that a robot can drive on
 LEAST_RANGE_DB = 0.5  # from the loosest to the highest feasible target
+MOST_ACCESS_POINTS = 16
+LEAST_APART = 1.0  # metres: from one of several access points to a panel
+# Of the families, where walls alone decide:
+DETOURS = (1.2, 6.0)  # least and greatest detour
+NEAR_DETOUR = 0.1  # share by which a detour may differ from the one that was drawn
+SLACK_DB = 3.0  # most that the target lies below the gain of the worst cell
 WALLS: tuple[Wall, ...] = ("x_min", "x_max", "y_min", "y_max")
 
 Range = tuple[int, int]  # both ends included
@@ -74,30 +81,36 @@ class Difficulty:
     """Least and greatest number of rooms that walls with doors divide the floor into, on top of the
     boxes; None: no walls.
     """
+    family: FamilyName | None = None
+    """Walls that decide the way, on top of the boxes: a target below the gain of every cell, and a
+    detour drawn between 1.2 and 6, or what the walls allow; ``detour`` and ``detour_share`` are not
+    asked. None: none.
+    """
+    other_sides: tuple[float, float] | None = None
+    """Least and greatest length in metres of two opposite sides, whichever, where they are not
+    ``sides`` as well: of a hall.
+    """
+    access_points: Range = (1, 1)
+    """Least and greatest number of access points, each on a wall."""
 
     def __post_init__(self) -> None:
-        low, high = checked_point(self.sides, "sides")
-        if not 4.0 <= low <= high <= LONGEST:
-            raise ValueError(f"sides={self.sides} must rise, from 4 m to {LONGEST} m at most")
+        self._check_sides("sides")
+        if self.other_sides is not None:
+            self._check_sides("other_sides")
 
-        least, most = as_cell(
-            self.boxes, "boxes", "two integers, the least and the greatest number of boxes"
-        )
-        if not 0 <= least <= most <= MOST_BOXES:
-            raise ValueError(f"boxes={self.boxes} must rise, from 0 to {MOST_BOXES} at most")
+        self._check_range("boxes", 0, MOST_BOXES, "boxes")
+        self._check_range("access_points", 1, MOST_ACCESS_POINTS, "access points")
+        if self.rooms is not None:
+            self._check_range("rooms", 1, MOST_ROOMS, "rooms")
+
+        if self.family is not None and self.family not in get_args(FamilyName):
+            raise ValueError(f"family={self.family!r} must be one of {get_args(FamilyName)}")
         if (
             not isinstance(self.panels, tuple)
             or not self.panels
             or not all(each in (*_ELEMENTS,) for each in self.panels)
         ):
             raise ValueError(f"panels={self.panels} must hold some of {tuple(_ELEMENTS)}")
-
-        if self.rooms is not None:
-            least, most = as_cell(
-                self.rooms, "rooms", "two integers, the least and the greatest number of rooms"
-            )
-            if not 1 <= least <= most <= MOST_ROOMS:
-                raise ValueError(f"rooms={self.rooms} must rise, from 1 to {MOST_ROOMS} at most")
 
         for name in ("detour", "detour_share"):
             value = getattr(self, name)
@@ -110,6 +123,20 @@ class Difficulty:
             )
         if not 0.0 <= self.detour_share <= 1.0:
             raise ValueError(f"detour_share={self.detour_share} must be a probability from 0 to 1")
+
+    def _check_sides(self, name: str) -> None:
+        sides = getattr(self, name)
+        low, high = checked_point(sides, name)
+        if not 4.0 <= low <= high <= LONGEST:
+            raise ValueError(f"{name}={sides} must rise, from 4 m to {LONGEST} m at most")
+
+    def _check_range(self, name: str, low: int, high: int, what: str) -> None:
+        given = getattr(self, name)
+        least, most = as_cell(
+            given, name, f"two integers, the least and the greatest number of {what}"
+        )
+        if not low <= least <= most <= high:
+            raise ValueError(f"{name}={given} must rise, from {low} to {high} at most")
 
 
 DIFFICULTIES = {
@@ -184,8 +211,16 @@ def draw_solved_scene(
     detour = difficulty.detour if rng.random() < difficulty.detour_share else 0.0
     # degenerate factories, and those without such a task, are drawn anew
     for _ in range(FACTORIES):
-        scene = _draw_factory(rng, difficulty)
-        found = None if scene is None else _draw_task(rng, scene, detour, robot)
+        drawn = _draw_factory(rng, difficulty)
+        if drawn is None:
+            continue
+
+        scene, layout = drawn
+        found = (
+            _draw_task(rng, scene, detour, robot)
+            if layout is None
+            else _draw_walled_task(rng, scene, layout, robot)
+        )
         if found is not None:
             return found
 
@@ -202,19 +237,38 @@ def least_distance(room: Room | PolygonRoom) -> float:
 # --- the factory ----------------------------------------------------------------------------------
 
 
-def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
-    """A factory with some start and goal in it; None for a degenerate one."""
-    # Every draw below moves the generator on: their order is part of what a seed means.
+def _draw_factory(
+    rng: np.random.Generator, level: Difficulty
+) -> tuple[Scene, Layout | None] | None:
+    """A factory with some start and goal in it, and the layout of its family; None for a
+    degenerate one.
+    """
+    # Every draw below moves the generator on: their order is part of what a seed means. What is
+    # drawn for some difficulties alone stands in a condition.
     half_x = _step(rng, *level.sides, 0.5) / 2
-    half_y = _step(rng, *level.sides, 0.5) / 2
+    half_y = _step(rng, *(level.other_sides or level.sides), 0.5) / 2
+    if level.other_sides is not None and rng.random() < 0.5:
+        half_x, half_y = half_y, half_x
+
     room = Room(
         x_min=-half_x, x_max=half_x, y_min=-half_y, y_max=half_y, height=_step(rng, 4.0, 8.0, 0.5)
     )
     obstacles = tuple(_draw_box(rng, room) for _ in range(_whole(rng, *level.boxes)))
     if level.rooms is not None:
         obstacles += draw_walls(rng, room, _whole(rng, *level.rooms), CELL_SIZE)
+
+    layout = None
+    if level.family is not None:
+        layout = draw_layout(rng, level.family, room, CELL_SIZE)
+        obstacles += layout.obstacles
+
     walls = _shuffled(rng, WALLS)
-    access_point = AccessPoint(position=_on_wall(rng, room, walls[0], 1.5, room.height - 0.5))
+    access_points = [AccessPoint(position=_on_wall(rng, room, walls[0], 1.5, room.height - 0.5))]
+    if level.access_points != (1, 1):
+        for _ in range(_whole(rng, *level.access_points) - 1):
+            position = _on_wall(rng, room, WALLS[_whole(rng, 0, 3)], 1.5, room.height - 0.5)
+            access_points.append(AccessPoint(position=position))
+
     kinds = _ELEMENTS[level.panels[_whole(rng, 0, len(level.panels) - 1)]]
     panels = tuple(
         _draw_panel(rng, room, wall, each) for wall, each in zip(walls[1:], kinds, strict=False)
@@ -223,12 +277,20 @@ def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
 
     # Degenerate: too little floor, or an antenna behind a box. A panel counts by its lower edge.
     mounted = [
-        access_point.position,
+        *(each.position for each in access_points),
         *((*each.position[:2], each.position[2] - _half_height(each)) for each in panels),
     ]
     grid = Grid.tile(room.lower, room.upper, CELL_SIZE)
     floor_cells = _floor(grid, obstacles)
     if floor_cells.mean() < LEAST_FLOOR or any(_is_covered(point, obstacles) for point in mounted):
+        return None
+
+    # One of several may hang on the wall of a panel.
+    if len(access_points) > 1 and any(
+        dist(point.position, panel.position) < LEAST_APART
+        for point in access_points
+        for panel in panels
+    ):
         return None
 
     ends = _draw_ends(rng, np.argwhere(floor_cells), least_distance(room) / CELL_SIZE)
@@ -237,11 +299,11 @@ def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
 
     paper = _paper()
 
-    return Scene(
+    scene = Scene(
         name="generated",
         room=room,
         obstacles=obstacles,
-        access_points=(access_point,),
+        access_points=tuple(access_points),
         irs_panels=panels,
         antenna_height=paper.antenna_height,
         start=grid.centre(ends[0]),
@@ -251,6 +313,8 @@ def _draw_factory(rng: np.random.Generator, level: Difficulty) -> Scene | None:
         path_loss=paper.path_loss,
         phase_bits=phase_bits,
     )
+
+    return scene, layout
 
 
 def _draw_box(rng: np.random.Generator, room: Room) -> Obstacle:
@@ -377,6 +441,60 @@ def _draw_task(
         solved = SolvedScene(scene, radio_map, to_go, motion["passable"])
         if detour + 1e-9 < solved.detour < np.inf:  # whatever the rounding of sums
             return solved
+
+    return None
+
+
+def _draw_walled_task(
+    rng: np.random.Generator, factory: Scene, layout: Layout, robot: Robot
+) -> SolvedScene | None:
+    """The factory with a task for the robot that walls alone decide, whose detour lies within
+    `DETOURS`; None where none was found.
+    """
+    asked = None if robot.is_point else factory
+    radio_map, motion = robot.fit(radio_map_of(factory, CELL_SIZE), asked)
+    floor_cells = largest_component(radio_map.free, **motion)  # (X, Y)
+    if not floor_cells.any():
+        return None
+
+    loosest = float(radio_map.gain_db[floor_cells].min())
+    target_db = floor(100 * (loosest - rng.random() * SLACK_DB)) / 100
+    is_feasible = radio_map.feasible(target_db)
+    cells = np.argwhere(floor_cells)  # (n, 2)
+    can_start = np.ones(len(cells), dtype=bool)
+    if layout.starts is not None:
+        can_start = layout.starts[tuple(cells.T)]
+
+    # walls make the longest ways between what is near
+    apart = least_distance(factory.room) / CELL_SIZE / 2
+
+    for _ in range(TRIES):
+        end = cells[_whole(rng, 0, len(cells) - 1)]
+        goal = (int(end[0]), int(end[1]))
+        to_go = distance_to_go(is_feasible, goal, CELL_SIZE, **motion)
+        is_far = np.sum((cells - end) ** 2, axis=1) >= apart**2
+        starts = cells[can_start & is_far]  # (m, 2)
+        straight = octile_distance(end - starts) * CELL_SIZE
+        detours = to_go[tuple(starts.T)] / straight  # (m,)
+        within = (detours > DETOURS[0]) & (detours <= DETOURS[1])
+        if not within.any():
+            continue
+
+        # one detour up to the longest is as likely as another, however many cells have it
+        wanted = DETOURS[0] + rng.random() * (detours[within].max() - DETOURS[0])
+        near = np.flatnonzero(within & (np.abs(detours - wanted) <= NEAR_DETOUR * wanted))
+        if not len(near):
+            continue
+
+        start = starts[near[_whole(rng, 0, len(near) - 1)]]
+        places = (
+            radio_map.grid.centre((int(start[0]), int(start[1]))),
+            radio_map.grid.centre(goal),
+        )
+        scene = factory.model_copy(
+            update={"start": places[0], "goal": places[1], "target_db": target_db}
+        )
+        return SolvedScene(scene, radio_map, to_go, motion["passable"])
 
     return None
 

@@ -15,7 +15,7 @@ from irs_gym.datasets.cache import cache_folder
 from irs_gym.datasets.generator import CELL_SIZE
 from irs_gym.datasets.shard import Shard
 from irs_gym.datasets.solved_scene import SolvedScene, solve
-from irs_gym.datasets.splits import check_frozen, split_of
+from irs_gym.datasets.splits import check_frozen, members_of, split_of
 from irs_gym.grid import Grid, Motion, as_cell
 from irs_gym.mdp.robot import PAPER_ROBOT, Robot
 from irs_gym.memory import check_memory, freeze, frozen
@@ -23,6 +23,8 @@ from irs_gym.oracle.shortest_path import distance_to_go
 from irs_gym.radio.fading import RicianFading
 from irs_gym.radio.radio_map import RadioMap, build_radio_map
 from irs_gym.radio.scene import Scene
+
+FRAME_SIDE = 40  # cells: sides of the frames that policies see maps in are multiples of this
 
 # For each cell of each scene, at the most: maps, rules, and shards before they are joined.
 _CELL_BYTES = 50
@@ -84,6 +86,17 @@ class SceneSet:
         return self.gain_db.shape[1], self.gain_db.shape[2]
 
     @cached_property
+    def own_shapes(self) -> NDArray[np.int64]:
+        """Cells along x and y of each scene's own room, ``(S, 2)``; the frame's where the scenes
+        are not there.
+        """
+        if len(self.scenes) != len(self):
+            return np.tile(np.array(self.shape, dtype=np.int64), (len(self), 1))
+
+        shapes = [scene.grid(self.cell_size).shape for scene in self.scenes]
+        return np.array(shapes, dtype=np.int64).reshape(len(self), 2)
+
+    @cached_property
     def free(self) -> NDArray[np.bool_]:
         """Cells that a robot can enter, whatever the target: shape ``(S, X, Y)``."""
         return frozen(np.isfinite(self.gain_db))
@@ -131,6 +144,28 @@ class SceneSet:
 
         return {"corner_cutting": self.robot.corner_cutting, "passable": passable}
 
+    def by_frame(self) -> list[tuple[NDArray[np.int64], "SceneSet"]]:
+        """The scenes in groups, each in the frame of `frame_of` its own rooms: numbers ``(n,)`` of
+        scenes, and the set of these.
+
+        What a policy sees of a scene so depends on nothing but the scene, whatever others are in
+        the set. Where the scenes are not there, all stay in the frame that they are in.
+        """
+        if len(self.scenes) != len(self):
+            return [(np.arange(len(self)), self)]
+
+        frames = np.array([frame_of((x, y)) for x, y in self.own_shapes.tolist()])  # (S, 2)
+        different = np.unique(frames, axis=0)
+        if len(different) == 1 and tuple(different[0].tolist()) == self.shape:
+            return [(np.arange(len(self)), self)]
+
+        groups = []
+        for frame in different:
+            numbers = np.flatnonzero((frames == frame).all(axis=1))
+            groups.append((numbers, _framed(self, numbers, (int(frame[0]), int(frame[1])))))
+
+        return groups
+
     def for_robot(self, robot: Robot) -> "SceneSet":
         """The scenes for another robot than the paper's, without those that it cannot solve.
 
@@ -151,6 +186,14 @@ class SceneSet:
             raise ValueError(f"scenes are those of {self.robot}, not of {robot}")
 
         return _for_robot(self, robot)
+
+
+def frame_of(shape: tuple[int, int]) -> tuple[int, int]:
+    """The frame that policies see a room of that shape (X, Y) in: its sides are rounded up to
+    multiples of 40 cells, those of the frames that they learn in.
+    """
+    columns, rows = (max(1, -(-each // FRAME_SIDE)) * FRAME_SIDE for each in shape)
+    return columns, rows
 
 
 def read_scenes(scenes: Any) -> tuple[Scene, ...]:
@@ -239,7 +282,7 @@ def build_scene_set(
     Parameters
     ----------
     split
-        See `irs_gym.datasets.splits.SPLITS`.
+        See `irs_gym.datasets.splits.SPLITS`; sets to learn on may be joined by a plus.
     num_scenes
         Scenes from the first on; 1,000 by default.
     jobs
@@ -267,6 +310,16 @@ def build_scene_set(
     # refused here where it would not fit, before hours of building
     _check_memory(int(count), split_of(split).frame, f"num_scenes={count}")
     folder = cache_folder() if cache is None else Path(cache)
+    members = members_of(split)
+    if len(members) > 1:
+        counts = [len(range(n, int(count), len(members))) for n in range(len(members))]
+        each = [
+            build_scene_set(member, own, jobs=jobs, progress=progress, cache=cache)
+            for member, own in zip(members, counts, strict=True)
+            if own
+        ]
+        return _in_turn(each, split_of(split).frame)
+
     shard = build_shards(split, int(count), jobs=jobs, progress=progress, folder=folder)
     texts = shard.texts.tolist()
     check_frozen(split, texts)
@@ -302,6 +355,48 @@ def _for_robot(pool: SceneSet, robot: Robot) -> SceneSet:
     )
 
     return _without(fitted, np.isinf(fitted.oracle_distance))
+
+
+def _in_turn(pools: Sequence[SceneSet], frame: tuple[int, int]) -> SceneSet:
+    """The first scene of each set, the second of each, and so on, in one frame."""
+    each = [_framed(pool, np.arange(len(pool)), frame) for pool in pools]
+    turns = np.concatenate([np.arange(len(pool)) for pool in each])
+    order = np.argsort(turns, kind="stable").tolist()
+    arrays = {
+        name: np.concatenate([getattr(pool, name) for pool in each])[order]
+        for name in ("target_db", "gain_db", "distance_to_go", "irs", "start", "goal")
+    }
+    scenes = [scene for pool in each for scene in pool.scenes]
+    names = [name for pool in each for name in pool.names]
+
+    return replace(
+        each[0],
+        scenes=[scenes[n] for n in order],
+        names=tuple(names[n] for n in order),
+        **arrays,
+    )
+
+
+def _framed(pool: SceneSet, numbers: NDArray[np.int64], frame: tuple[int, int]) -> SceneSet:
+    """Some scenes of a set in a frame that holds them all."""
+    over = [(0, max(0, whole - part)) for whole, part in zip(frame, pool.shape, strict=True)]
+    own = (slice(None), slice(frame[0]), slice(frame[1]))
+
+    def framed(maps: NDArray[Any], value: float) -> NDArray[Any]:
+        return np.pad(maps[numbers][own], [(0, 0), *over], constant_values=value)
+
+    return replace(
+        pool,
+        scenes=[pool.scenes[n] for n in numbers.tolist()],
+        names=tuple(pool.names[n] for n in numbers.tolist()),
+        target_db=pool.target_db[numbers],
+        gain_db=framed(pool.gain_db, -np.inf),
+        distance_to_go=framed(pool.distance_to_go, np.inf),
+        irs=pool.irs[numbers],
+        start=pool.start[numbers],
+        goal=pool.goal[numbers],
+        moves=None if pool.moves is None else framed(pool.moves, 0),
+    )
 
 
 def _without(pool: SceneSet, is_lost: NDArray[np.bool_]) -> SceneSet:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.generator import CELL_SIZE, VERSION
+from irs_gym.datasets.generator import CELL_SIZE, VERSION, Difficulty
 from irs_gym.datasets.solved_scene import SolvedScene
 from irs_gym.datasets.splits import solved_scene_of, split_of
 from irs_gym.files import read_arrays
@@ -143,8 +143,10 @@ def definition_of(split: str, first: int, count: int) -> str:
     # the versions, so that a shard of older formulas or another generator is not taken for it
     chosen = split_of(split)
     difficulty = asdict(chosen.difficulty)
-    if difficulty["rooms"] is None:  # shards of before there were any are as good as new ones
-        del difficulty["rooms"]
+    for name in ("rooms", "family", "other_sides", "access_points"):
+        # shards of before there was such a field are as good as new ones
+        if getattr(chosen.difficulty, name) == getattr(Difficulty, name):
+            del difficulty[name]
 
     return json.dumps(
         {

@@ -13,6 +13,7 @@ from irs_gym.datasets.generator import DIFFICULTIES, VERSION, Difficulty, draw_s
 from irs_gym.datasets.solved_scene import SolvedScene
 from irs_gym.radio.scene import Scene
 
+TRAINING = 1000  # numbers from here on, and 0, are those of sets to learn on
 _DIGITS = 8  # of a scene's SHA-256 that are kept of the frozen sets
 
 
@@ -32,7 +33,42 @@ class Split:
     @property
     def is_frozen(self) -> bool:
         """Whether it never changes within a version of the environment: scores are of such sets."""
-        return self.number > 0
+        return 0 < self.number < TRAINING
+
+
+# Kinds of factories beside the usual, each with a frozen set, "ood-maze", and one to learn on,
+# "train-maze". In the first six walls alone decide, and detours are from 1.2 to 6.
+FAMILIES: dict[str, Difficulty] = {
+    # a spanning tree of corridors of 0.5 to 1.5 m, with some ways around
+    "maze": Difficulty(family="maze", boxes=(0, 0), panels=("none",)),
+    # 6 to 14 rooms
+    "doors": Difficulty(family="doors", boxes=(0, 2)),
+    # one wall that winds inwards
+    "spiral": Difficulty(family="spiral", boxes=(0, 0), panels=("none",)),
+    # walls across the room, with a door at one end and the other in turn
+    "zigzag": Difficulty(family="zigzag", boxes=(0, 0), panels=("none",)),
+    # walls in the shape of a U, in which the robot starts
+    "trap": Difficulty(family="trap", boxes=(0, 3), panels=("usual", "none")),
+    # a warehouse: racks with aisles, some of which are closed
+    "racks": Difficulty(family="racks", sides=(16.0, 20.0), boxes=(0, 0)),
+    # long and narrow: 26 to 32 m by 10 to 14 m
+    "hall": Difficulty(
+        sides=(26.0, 32.0), other_sides=(10.0, 14.0), boxes=(4, 14), panels=("usual", "none")
+    ),
+    # 2 to 4 access points
+    "aps": Difficulty(access_points=(2, 4), panels=("usual", "none")),
+}
+_FRAMES = {"hall": (64, 64)}
+
+
+def _family_splits(prefix: str, first: int, size: int) -> dict[str, Split]:
+    """A split of each family, numbered from the first on."""
+    return {
+        f"{prefix}-{name}": Split(
+            number=first + n, size=size, difficulty=each, frame=_FRAMES.get(name, Split.frame)
+        )
+        for n, (name, each) in enumerate(FAMILIES.items())
+    }
 
 
 SPLITS = {
@@ -54,14 +90,47 @@ SPLITS = {
     ),
     # walls with doors, and little else in the way
     "ood-rooms": Split(number=6, size=1000, difficulty=Difficulty(rooms=(4, 10), boxes=(0, 4))),
+    **_family_splits("ood", first=7, size=1000),
+    **_family_splits("train", first=TRAINING + 7, size=1_000_000),
 }
 
 
 def split_of(name: str) -> Split:
-    """A split by its name; a ``ValueError`` lists all for an unknown one."""
-    if not isinstance(name, str) or name not in SPLITS:
-        raise ValueError(f"split={name!r} must be one of {tuple(SPLITS)}")
-    return SPLITS[name]
+    """A split by its name; a ``ValueError`` lists all for an unknown one.
+
+    Sets to learn on may be joined, "train+train-maze": scenes are those of each in turn.
+    """
+    members = members_of(name)
+    unknown = [each for each in members if not isinstance(each, str) or each not in SPLITS]
+    if unknown:
+        raise ValueError(f"split={unknown[0]!r} must be one of {tuple(SPLITS)}")
+
+    each = [SPLITS[member] for member in members]
+    if len(each) == 1:
+        return each[0]
+    if len({*members}) < len(members) or any(one.is_frozen for one in each):
+        raise ValueError(f"split={name!r} must join different sets to learn on")
+
+    columns, rows = zip(*(one.frame for one in each), strict=True)
+    size = len(each) * min(one.size for one in each)
+
+    return Split(number=0, size=size, frame=(max(columns), max(rows)))
+
+
+def members_of(name: str) -> tuple[str, ...]:
+    """The names of the splits that are joined, in order; one alone is its own."""
+    return tuple(name.split("+")) if isinstance(name, str) else (name,)
+
+
+def all_but(family: str) -> str:
+    """The sets to learn on without that of a family, joined: what to learn from where the family
+    itself is what is scored.
+
+    Raises ``ValueError`` where there is no such family.
+    """
+    if family not in FAMILIES:
+        raise ValueError(f"family={family!r} must be one of {tuple(FAMILIES)}")
+    return "+".join(["train", *(f"train-{name}" for name in FAMILIES if name != family)])
 
 
 def scene_of(split: str, index: int) -> Scene:
@@ -77,6 +146,10 @@ def solved_scene_of(split: str, index: int) -> SolvedScene:
             f"index={index} must be a number from 0 to {chosen.size - 1}: "
             f"{split!r} has no more scenes"
         )
+
+    members = members_of(split)
+    if len(members) > 1:
+        return solved_scene_of(members[index % len(members)], index // len(members))
 
     # a seed of its own for each scene, so that any one can be drawn without those before it
     rng = np.random.default_rng((VERSION, chosen.number, index))

@@ -59,7 +59,15 @@ def draw_frame(
         background.margin_at, margin, primitives.BLACK, primitives.font(layout.em), anchor="ls"
     )
 
-    return np.array(frame)
+    picture = np.array(frame)
+    return _squared(picture, view.size) if view.is_square else picture
+
+
+def _squared(picture: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    """The picture in the middle of a white one of that size."""
+    height, width, _ = picture.shape
+    over = [((size - each) // 2, size - each - (size - each) // 2) for each in (height, width)]
+    return np.pad(picture, [*over, (0, 0)], constant_values=255)
 
 
 def _corners(cells: NDArray[Any]) -> NDArray[Any]:

@@ -48,6 +48,9 @@ class View:
         More about the map, in words.
     goal_radius
         Of the goal in cells, where it is a disc; 0 for a cell.
+    is_square
+        Whether the picture has white at its sides that makes it as high as wide: of rooms of all
+        sizes, pictures are then of one.
 
     Raises
     ------
@@ -70,6 +73,7 @@ class View:
     oracle_switches: NDArray[np.integer[Any]] | None = None
     label: str = ""
     goal_radius: float = 0.0
+    is_square: bool = False
 
     def __post_init__(self) -> None:
         if self.gain_db.shape != self.grid.shape:

@@ -12,6 +12,7 @@ import pytest
 import torch
 from tiny import TINY, call, curve, open_floor
 
+from agents.networks.sign_extractor import SignExtractor
 from agents.policies.policy import takes_masks
 from agents.registry import ALGORITHMS, learner_class, specialists
 from agents.rollout.episode import arguments_of, evaluation_env, roll_out
@@ -62,6 +63,7 @@ def test_every_setting_reaches_the_learner(algorithm):
         learning_rate=0.5,
         final_learning_rate=0.25,
         net_arch=(9, 7),
+        signs=True,
     )
     model = build_model(
         agent, IrsNavVecEnv(agent.n_envs, **arguments_of(obstructed(algorithm))), seed=7
@@ -71,6 +73,7 @@ def test_every_setting_reaches_the_learner(algorithm):
         "total_timesteps",
         "learning_rate",
         "final_learning_rate",
+        "signs",
         *agent.policy_settings,
     }
     for name in own - {"clip_range", "train_freq"}:
@@ -83,6 +86,7 @@ def test_every_setting_reaches_the_learner(algorithm):
             agent.buffer_size // agent.n_envs,
         )
     assert tuple(model.policy_kwargs["net_arch"]) == agent.net_arch
+    assert model.policy_kwargs["features_extractor_class"] is SignExtractor
     assert model.seed == 7
 
 

@@ -95,12 +95,13 @@ def test_bounds_meet_as_cells_shrink_wherever_all_of_one_sees_the_same():
 
 
 def test_a_cell_on_the_edge_of_a_shadow_has_both_gains():
-    # behind the middle box, as the panel at (0, -10) sees it: the shadow's edge lies on x = -2.08
-    box = PAPER.obstacles[2]
+    # a map of small cells has a jump of 3.7 dB in x = -7.15 along y = 2.25
     bounds = GainBounds(PAPER, Hardware())
-    across = np.array([[box.lower[0] - 0.5, 2.0, box.lower[0], 2.5]])
+    across, beside = np.array([[-7.4, 2.0, -6.9, 2.5]]), np.array([[-6.9, 2.0, -6.4, 2.5]])
     least, most = bounds.over(across)
     assert 10 * np.log10(most / least) > 3
+    least, most = bounds.over(beside)
+    assert 10 * np.log10(most / least) < 2
 
 
 def test_cells_along_the_sides_of_a_box_are_told_apart_from_their_other_side():

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import label
 
 from irs_gym import Difficulty, generate_scene
-from irs_gym.datasets.floor_plan import LEAST_SIDE, THICKNESS, draw_walls
+from irs_gym.datasets.layouts.floor_plan import LEAST_SIDE, THICKNESS, draw_walls
 from irs_gym.datasets.shard import definition_of
 from irs_gym.grid import Grid
 from irs_gym.radio.geometry import Boxes, is_in_footprint

@@ -8,24 +8,32 @@ import numpy as np
 import pytest
 
 from irs_gym.datasets import splits, verify_splits
-from irs_gym.datasets.floor_plan import THICKNESS
 from irs_gym.datasets.generator import CELL_SIZE, DIFFICULTIES
+from irs_gym.datasets.layouts.floor_plan import THICKNESS
 from irs_gym.datasets.scene_hash import symmetries
-from irs_gym.datasets.splits import SPLITS, Split, digest, frozen, scene_of
+from irs_gym.datasets.splits import FAMILIES, SPLITS, Split, digest, frozen, scene_of
 from irs_gym.datasets.verify_splits import entry_of, shared
 from irs_gym.radio.scene import load_scene, scene_names
 
 FROZEN = [name for name, split in SPLITS.items() if split.is_frozen]
-SAMPLE = {name: [scene_of(name, index) for index in (0, 1, 2, 500, 998, 999)] for name in SPLITS}
+LEARNED = [f"train-{name}" for name in FAMILIES]
+SAMPLE = {
+    name: [scene_of(name, index) for index in (0, 1, 2, 500, 998, 999)]
+    for name in SPLITS
+    if name not in LEARNED
+}
 KEPT = json.loads(verify_splits.KEPT.read_bytes())
 
 
 def test_the_splits_are_these():
     assert list(SPLITS) == [
-        *("train", "val", "test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms")
+        *("train", "val", "test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms"),
+        *("ood-maze", "ood-doors", "ood-spiral", "ood-zigzag", "ood-trap", "ood-racks"),
+        *("ood-hall", "ood-aps"),
+        *LEARNED,
     ]
-    assert list(SPLITS)[1:] == FROZEN
-    assert [SPLITS[name].size for name in FROZEN] == [1000] * 6
+    assert list(SPLITS)[1 : -len(LEARNED)] == FROZEN
+    assert [SPLITS[name].size for name in FROZEN] == [1000] * 14
     assert len({split.number for split in SPLITS.values()}) == len(
         SPLITS
     )  # seeds of no two are the same
@@ -45,13 +53,14 @@ def test_each_frozen_scene_has_a_checksum_of_its_own():
         assert len(frozen()[name].sha256) == 64
     every = [each for name in FROZEN for each in frozen()[name].scenes]
     assert all(len(each) == 8 for each in every)
-    assert len(set(every)) > len(every) - 5  # eight digits of 6,000 checksums agree for few
+    assert len(set(every)) > len(every) - 5  # eight digits of 14,000 checksums agree for few
 
 
 def test_no_scene_was_in_two_places_when_they_were_frozen():
     scenes = KEPT["proof"]["scenes"]
     assert scenes["train"] >= 10_000
     assert scenes["package"] == len(scene_names())
+    assert all(scenes[name] >= 200 for name in LEARNED)
     assert {name: scenes[name] for name in FROZEN} == {name: SPLITS[name].size for name in FROZEN}
     assert KEPT["proof"]["in_two_places"] == 0
 
@@ -85,7 +94,8 @@ def test_every_scene_fits_the_frame_of_its_split():
     for name, scenes in SAMPLE.items():
         shapes = np.array([scene.grid(CELL_SIZE).shape for scene in scenes])
         assert (shapes <= SPLITS[name].frame).all()
-        assert (np.array(SPLITS[name].difficulty.sides) / CELL_SIZE <= SPLITS[name].frame).all()
+        longest = max(SPLITS[name].difficulty.sides + (SPLITS[name].difficulty.other_sides or ()))
+        assert longest / CELL_SIZE <= min(SPLITS[name].frame)
 
 
 def test_the_unusual_splits_hold_what_no_training_scene_does():

@@ -23,13 +23,13 @@ from agents.runs.run_folder import Run
 from agents.single.model import build_model
 from agents.single.ppo import PpoConfig
 from agents.vec_env import IrsNavVecEnv
-from eval.commands.board import FIGURES
 from eval.markdown import code, text
 from eval.scoreboard import board, results
 from eval.scoreboard.learning_curves import align
-from eval.scoreboard.page import scoreboard_page
+from eval.scoreboard.page import FIGURES, scoreboard_page
 from eval.scoreboard.results import Curve, find_runs, read_results
-from eval.scoreboard.seed_scores import group_names, overall
+from eval.scoreboard.seed_scores import episode_record, estimated_anew, group_names, overall
+from eval.statistics import FEW_SEEDS
 from irs_gym import RadioMap
 from irs_gym.mdp.task import Task
 
@@ -139,10 +139,14 @@ def test_median_time_is_that_of_the_seed_in_the_middle(monkeypatch, tmp_path, ma
         make_run(kind, seed)
     found = board_of(monkeypatch, tmp_path / "runs")
     estimates = found["problems"][0]["standings"][1]["estimates"]
-    assert estimates["seconds_to_optimum"] == {"value": 20.0, "interval": [20.0, None], "note": ""}
+    assert estimates["seconds_to_optimum"] == {
+        "value": 20.0,
+        "interval": [20.0, None],
+        "note": FEW_SEEDS,
+    }
     assert [each["seconds_to_optimum"] for each in found["runs"]] == [20.0, 20.0, None]
     page = (tmp_path / "runs/scoreboard.md").read_text()
-    assert "20<br><sub>20 to ∞</sub>" in page
+    assert "20 ‡<br><sub>20 to ∞</sub>" in page
     assert "2 of 3, 20 s" in page
 
 
@@ -231,6 +235,18 @@ def test_references_stand_beside_the_agents(monkeypatch, tmp_path, make_run):
     names = [name.replace("_", " ") for name in REFERENCE_POLICIES]
     assert [each["name"] for each in standings] == [names[0], "PPO", *names[1:]]
     assert [len(each["seeds"]) for each in standings] == [1, 1, 1, 1, 1, 3, 3]
+    assert [len(each["played"]) for each in standings] == [1, 0, 1, 1, 1, 3, 3]
+
+
+def test_all_estimates_follow_from_the_episodes_that_are_kept(monkeypatch, tmp_path, make_run):
+    for seed, kind in enumerate(["optimal", "longer", "failing", "optimal"]):
+        make_run(kind, seed)
+    found = board_of(monkeypatch, tmp_path / "runs")
+    emptied = json.loads(json.dumps(found))
+    emptied["overall"] = []
+    for standing in emptied["problems"][0]["standings"]:
+        standing["estimates"] = {}
+    assert estimated_anew(emptied) == found
 
 
 def test_scores_over_all_problems_keep_the_seeds_whole(tmp_path, make_run):
@@ -244,7 +260,11 @@ def test_scores_over_all_problems_keep_the_seeds_whole(tmp_path, make_run):
     by_problem = [
         [each for each in found if each.problem.goal == goal] for goal in ((3, 0), (3, 1))
     ]
-    record = overall("PPO", by_problem, 2)
+    rows = [
+        [{"seed": each.seed, **episode_record(each.episode)} for each in some]
+        for some in by_problem
+    ]
+    record = overall("PPO", rows, 2)
     assert record["seeds"] == [0, 1, 2]
     assert record["at_optimum"] == {"runs": 4, "of": 7}
     assert record["spl_mean"] == {"value": pytest.approx(2 / 3), "interval": [0.0, 1.0], "note": ""}

@@ -13,8 +13,7 @@ import irs_gym
 from agents.policies.policy import Policy
 from agents.rollout.episode import evaluation_env
 from agents.single.mixture import Mixture
-from eval.scoreboard.expected_cost import expectation, hull_at
-from eval.statistics import t_interval
+from eval.scoreboard.expected_cost import estimated_anew, expectation, hull_at
 from irs_gym.grid import MOVES
 from irs_gym.mdp.task import Task, build_world
 from train.plan import Plan
@@ -81,16 +80,6 @@ def test_beyond_the_ends_of_the_hull_a_bound_is_worth_nothing():
     assert hull_at(replace(TASK, budget=0.0), 0.0)[0] == pytest.approx(25.642136)
 
 
-def test_students_interval_is_that_of_the_textbook():
-    found = t_interval([1.0, 2.0, 3.0, 4.0])
-    half = 3.182446 * np.std([1, 2, 3, 4], ddof=1) / 2
-    assert (found.value, found.low, found.high) == pytest.approx((2.5, 2.5 - half, 2.5 + half))
-    assert t_interval([2.0]).low is None
-    assert t_interval([1.0, np.inf]).value == np.inf
-    with pytest.raises(ValueError, match="not empty and without NaN"):
-        t_interval([1.0, np.nan])
-
-
 def test_page_tells_the_runs_below_a_folder(tmp_path, monkeypatch):
     for seed in range(2):
         words = [*TINY["ppo_lagrangian"], "--agent.total-timesteps", 128, "--seed", seed]
@@ -105,6 +94,7 @@ def test_page_tells_the_runs_below_a_folder(tmp_path, monkeypatch):
     assert (bound["bound"], bound["seeds"]) == (13.0, [0, 1])
     assert bound["optimum"] == pytest.approx(23.607, abs=1e-3)
     assert bound["distances"] == [None, None]  # after 128 steps nothing arrives
+    assert estimated_anew(bound) == bound  # all follows from what is kept
     assert (budget["exact"], budget["seeds"]) == (0, [0])
     assert budget["optimum"] == pytest.approx(22.399, abs=1e-3)
     page = (tmp_path / "budget.md").read_text()

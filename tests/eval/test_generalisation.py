@@ -25,11 +25,13 @@ from agents.runs.pretrained import (
     load_pretrained,
 )
 from agents.runs.run_folder import Run
-from eval.commands import generalisation
-from eval.statistics import ONE_SEED, paired_difference
+from eval.commands import generalisation, intervals
 from eval.unseen import policy_results, throughput
 from eval.unseen.gallery import choose_scenes
+from eval.unseen.page import unseen_page
 from eval.unseen.pretrained_scores import score_pretrained
+from eval.unseen.record import estimated_anew, shipped
+from eval.unseen.scene_scores import SceneScores, results_of
 from eval.unseen.scores import PAPER_TARGETS_DB, Player, detours, reference, score_unseen
 from irs_gym import load_scene
 from irs_gym.datasets import generator
@@ -133,11 +135,17 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
     )
     rival = play_scene_set(Replanner(pool.shape, 5), pool)
     assert found["over_replanning"]["value"] == pytest.approx(
-        np.mean([each.spl - rival.spl for each in by_hand]), abs=1e-12
+        np.mean([each.spl - rival.spl for each in by_hand]), abs=1e-6
     )
     assert [record["sets"]["local"][name]["scenes"] for name in ("ood-irs", "ood-size")] == [8, 5]
     assert record["sets"]["map"]["ood-size"]["scenes"] == 8
     assert [each["target_db"] for each in explorer["paper"]] == list(PAPER_TARGETS_DB)
+    assert record["over"] == "seeds and scenes"
+    untrained = told["explorer, untrained", None]["sets"]["test"]["all"]
+    assert found["over_untrained"]["value"] == pytest.approx(
+        found["spl"]["value"] - untrained["spl"]["value"], abs=1e-6
+    )
+    assert "over_untrained" not in untrained
     page = (tmp_path / "docs/generalisation.md").read_text()
     assert "    first\n    second\n    python -m eval generalisation" in page
     for name, _ in told:
@@ -148,6 +156,66 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
             .read_bytes()
             .startswith(b"\x89PNG")
         )
+
+
+def test_anybody_can_make_the_intervals_anew_from_the_scores_in_the_scenes(
+    monkeypatch, small, runs, tmp_path
+):
+    docs = tmp_path / "docs"
+    monkeypatch.setattr(generalisation, "gallery", lambda entrants, pools: b"")
+    monkeypatch.setattr(generalisation, "PAGE_REFERENCES", ("replanning", "untrained_explorer"))
+    words = ("--out", docs, "--num-scenes", 4, "--local-large-scenes", 1)
+    assert call(monkeypatch, "generalisation", runs, *words) == 0
+    record = json.loads((docs / "generalisation.json").read_text())
+    page = (docs / "generalisation.md").read_text()
+    monkeypatch.setattr(intervals, "coverages", list)
+    emptied = {**record, "entrants": [{**each, "sets": {}} for each in record["entrants"]]}
+    (docs / "generalisation.json").write_text(json.dumps(emptied))
+    (docs / "generalisation.md").unlink()
+    assert call(monkeypatch, "intervals", "--out", docs) == 0
+    assert json.loads((docs / "generalisation.json").read_text()) == record
+    assert (docs / "generalisation.md").read_text() == page
+
+    scores = SceneScores.read(docs / "generalisation.npz")
+    table = scores.spl["explorer: imitation with memory, 3000 scenes/test"]
+    assert (table.dtype, table.shape) == (np.float32, (2, 4))
+    np.savez(docs / "generalisation.npz", **{"spl/x/test": table + 1})
+    assert call(monkeypatch, "intervals", "--out", docs) == 2
+    SceneScores({}, {}).write(docs / "generalisation.npz")
+    assert call(monkeypatch, "intervals", "--out", docs) == 2
+
+
+def test_figures_of_scores_in_the_scenes_by_hand():
+    spl = np.array([[1.0, 0.5, 0.0, 0.8], [1.0, 0.5, 0.5, 1.0]])
+    is_hard = np.array([False, True, True, False])
+    rival = np.array([[0.5, 0.5, 0.5, 0.5]])
+    found = results_of(spl, is_hard, {"over_replanning": rival})
+    whole, hard = found["all"], found["hard"]
+    assert whole["success"]["value"] == 7 / 8
+    assert whole["spl_by_seed"] == pytest.approx([2.3 / 4, 3 / 4])
+    assert whole["ratio"] == pytest.approx(((1 + 2 + 1.25) / 3 + (1 + 2 + 2 + 1) / 4) / 2)
+    assert whole["exact"] == 3 / 8
+    assert whole["over_replanning"]["value"] == pytest.approx(5.3 / 8 - 0.5)
+    assert hard["success_by_seed"] == [0.5, 1.0]
+    assert set(results_of(spl, np.zeros(4, bool), {})) == {"all"}
+
+
+def test_a_shipped_model_stands_beside_the_mean_of_its_seeds(monkeypatch):
+    record = generalisation_data()
+    told = {each["name"]: each for each in shipped(record["entrants"], None)}
+    own = told["explorer: PPO with memory"]
+    assert (own["seed"], own["chosen_among"]) == (2, 5)
+    entrant = next(each for each in record["entrants"] if each["name"] == own["name"])
+    by_seed = entrant["sets"]["test"]["all"]["spl_by_seed"]
+    assert own["spl"]["test"]["value"] == by_seed[2] < np.mean(by_seed)
+    assert shipped([{**each, "models": []} for each in record["entrants"]], None) == []
+
+
+def test_without_scores_intervals_are_over_seeds_and_the_page_says_so():
+    record = generalisation_data()
+    again = estimated_anew(record, None)
+    assert again == record
+    assert "over seeds *in these very scenes*" in unseen_page(again, "figures")
 
 
 def test_the_page_that_is_there_is_written_anew_with_the_pretrained_models_on_it(
@@ -252,21 +320,6 @@ def test_runs_that_cannot_count_are_left_out_by_name(monkeypatch, small, runs, t
 def test_page_without_runs_or_scenes_is_refused(monkeypatch, capsys, tmp_path, words, message):
     assert call(monkeypatch, "generalisation", tmp_path, *words) == 2
     assert message in capsys.readouterr().err
-
-
-def test_paired_difference_resamples_seeds_and_scenes():
-    rng = np.random.default_rng(0)
-    of_scenes, of_seeds = rng.normal(size=(1, 400)), np.array([[-0.2], [0.0], [0.2], [0.1]])
-    found = paired_difference(0.5 + of_scenes)
-    assert (found.value, found.note) == (pytest.approx(0.5 + of_scenes.mean()), ONE_SEED)
-    half = 1.96 * of_scenes.std() / 20
-    assert found.low == pytest.approx(found.value - half, abs=0.01)
-    assert found.high == pytest.approx(found.value + half, abs=0.01)
-    both = paired_difference(0.5 + of_scenes + of_seeds)
-    spread = 1.96 * np.sqrt(of_scenes.var() / 400 + of_seeds.var() / 4)
-    assert both.high - both.low == pytest.approx(2 * spread, rel=0.05)
-    with pytest.raises(ValueError, match="without NaN"):
-        paired_difference([[np.nan]])
 
 
 def test_gallery_shows_long_detours_solved_and_the_worst():

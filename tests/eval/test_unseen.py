@@ -84,6 +84,23 @@ def test_scenes_of_different_sizes_are_read_into_one_frame(scenes):
     assert pool.shape == (64, 40)
 
 
+def test_scenes_are_played_in_cells_of_the_size_that_is_asked_for(monkeypatch, capsys, run, scenes):
+    (pool,) = scene_sets_of((), 1, scenes, 0.25).values()
+    assert (pool.shape, pool.cell_size) == ((80, 80), 0.25)
+    assert call(monkeypatch, "score", run.folder, "--scenes", scenes, "--cell-size", 1.0) == 0
+    assert json.loads((run.folder / "unseen.json").read_text())
+    assert call(monkeypatch, "score", run.folder, "--scenes", scenes, "--cell-size", -1) == 2
+    assert "cell_size=-1" in capsys.readouterr().err
+
+
+def test_scenes_of_a_split_are_played_in_other_cells_too(monkeypatch):
+    found = scene_sets_of(("val",), 3, None, 0.25)
+    assert found["val"].cell_size == found["paper"].cell_size == 0.25
+    assert len(found["val"]) <= 3
+    with pytest.raises(ValueError, match=r"cell_size=0\.0"):
+        scene_sets_of(("val",), 3, None, 0.0)
+
+
 @pytest.mark.parametrize("harm", ["missing", "empty", "damaged", "infeasible"])
 def test_scenes_that_cannot_be_played_are_refused_by_name(monkeypatch, capsys, run, scenes, harm):
     if harm == "damaged":

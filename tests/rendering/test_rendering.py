@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import shapely
 
+from irs_gym.datasets.splits import scene_of
 from irs_gym.grid import Grid
 from irs_gym.radio.radio_map import build_radio_map
 from irs_gym.radio.scene import load_scene
@@ -351,6 +352,7 @@ def test_importing_brings_no_pillow_and_drawing_no_plotting_or_window_package():
     program = """
 import sys
 import numpy as np
+from irs_gym.datasets.splits import scene_of
 from irs_gym.grid import Grid
 from irs_gym.rendering import View, draw_frame, text_frame
 assert "PIL" not in sys.modules
@@ -454,3 +456,18 @@ def test_a_path_that_is_none_is_refused(show, path, message):
 def test_a_view_that_cannot_be_drawn_is_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         plain_view(**changes)
+
+
+def test_a_room_is_drawn_at_its_own_size_and_all_pictures_of_a_set_are_of_one_size():
+    scenes = [scene_of("test", n) for n in range(3)]
+    env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=scenes, render_mode="rgb_array")
+    pictures = []
+    for n, scene in enumerate(scenes):
+        env.reset(options={"scene_id": n})
+        robot = env.unwrapped
+        view = view_of(robot.world, robot.world.start, robot.world.goal)
+        assert view.grid == scene.grid(0.5)
+        assert view.gain_db.shape == view.grid.shape
+        pictures.append(env.render())
+    assert {picture.shape for picture in pictures} == {(512, 512, 3)}
+    assert len({scene.grid(0.5).shape for scene in scenes}) > 1

@@ -1,0 +1,1 @@
+"""Walls, racks and doors, drawn at random in a room."""

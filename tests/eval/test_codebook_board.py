@@ -99,6 +99,10 @@ def test_runs_are_added_to_those_that_are_kept(trained, docs, monkeypatch, tmp_p
     page_of(monkeypatch, docs, trained / "seed0")
     (tmp_path / "none").mkdir()
     copytree(trained / "seed1", tmp_path / "more" / "seed1")
+    page = page_of(monkeypatch, docs, tmp_path / "more")
+    assert rows_of(page, "-61.8 dB")["Q-learning"][:2] == ["2", "2 of 2"]
+
+    # a seed that is there already, and what is left of a run
     copytree(trained / "seed0", tmp_path / "more" / "again")
     (tmp_path / "more" / "broken").mkdir()
     (tmp_path / "more" / "broken" / "config.json").write_text("{}")

@@ -20,6 +20,14 @@ DESCRIPTIONS = {
     "ood-irs": "no panel, two, or one with fewer or more elements than any training scene's",
     "ood-size": "twice the sides, and as many obstacles for the area",
     "ood-rooms": "walls with doors",
+    "ood-maze": "mazes and corridors, whose walls alone decide the way",
+    "ood-doors": "many rooms with doors, whose walls alone decide the way",
+    "ood-spiral": "spirals, whose walls alone decide the way",
+    "ood-zigzag": "zigzags, whose walls alone decide the way",
+    "ood-trap": "U-shaped traps, whose walls alone decide the way",
+    "ood-racks": "racks of a warehouse, whose walls alone decide the way",
+    "ood-hall": "long halls of 30 x 12 m",
+    "ood-aps": "several access points",
 }
 
 

@@ -37,7 +37,7 @@ CLIENTS: dict[str, tuple[str, ...]] = {
 # Installed without what they require: CleanRL's package asks for Python 3.10 and for Gym beside
 # Gymnasium, OmniSafe for Safety-Gymnasium, which does not load on Python 3.11, and pandas 2.0.
 ALONE = {"cleanrl": ("cleanrl==1.2.0",), "agents.cmdp": ("omnisafe==0.5.0",)}
-SOURCE_ONLY = "gym"  # old, pure Python, and never published as a wheel
+SOURCE_ONLY = "gym,jsonpath-rw"  # old, pure Python, and never published as wheels
 CLEANRL = "https://raw.githubusercontent.com/vwxyzjn/cleanrl/fe8d8a03c41a7ef5b523e2e354bd01c363e786bb/cleanrl/ppo.py"
 
 

@@ -45,7 +45,7 @@ class EpisodeResult:
         int64, shape ``(T, 2)``: cells visited; float64 where the robot goes anywhere on the floor:
         points (x, y) in metres.
     actions
-        int64, shape ``(steps,)``: what was done, refused moves included; float64 ``(steps, 2)``
+        int64, shape ``(steps,)``: what was done, refused moves included; float32 ``(steps, 2)``
         where the robot goes anywhere on the floor.
     switch_cells
         int64, shape ``(n, 2)``: where the panel was switched; none where it follows the robot.
@@ -60,7 +60,7 @@ class EpisodeResult:
     steps: int
     total_reward: float
     path: NDArray[np.int64] | NDArray[np.float64]
-    actions: NDArray[np.int64] | NDArray[np.float64] = field(
+    actions: NDArray[np.int64] | NDArray[np.float32] = field(
         default_factory=lambda: np.empty(0, np.int64)
     )
     switch_cells: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
@@ -182,10 +182,8 @@ def roll_out(
         is_first = np.array([not actions])
         mask = {"action_masks": info["action_mask"]} if is_masked else {}
         action, state = policy.predict(observation, state, is_first, deterministic, **mask)
-        actions.append(int(action) if is_discrete else np.asarray(action, dtype=np.float64))
-        observation, reward, is_terminated, is_truncated, info = env.step(
-            actions[-1] if is_discrete else action
-        )
+        actions.append(int(action) if is_discrete else action)
+        observation, reward, is_terminated, is_truncated, info = env.step(actions[-1])
         total_reward = total_reward + float(reward)
         is_over = is_terminated or is_truncated
         has_missed = has_missed or _misses(info)

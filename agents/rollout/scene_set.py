@@ -90,25 +90,18 @@ def play_scene_set(
     """
     groups = pool.by_frame()
     found = [_play(policy, framed, observation, max_steps) for _, framed in groups]
+    kept = [np.asarray(each.actions) for each in found]
 
     # back in the order of the scenes
-    order = np.argsort(np.concatenate([numbers for numbers, _ in groups]))
-    is_success, distance = (
-        np.concatenate([getattr(each, name) for each in found])[order]
-        for name in ("is_success", "distance")
-    )
-
-    actions = np.full((len(pool), max(_kept(each).shape[1] for each in found)), NOTHING)
-    for (numbers, _), each in zip(groups, found, strict=True):
-        done = _kept(each)
+    is_success = np.zeros(len(pool), dtype=bool)
+    distance = np.zeros(len(pool))
+    actions = np.full((len(pool), max(done.shape[1] for done in kept)), NOTHING)
+    for (numbers, _), each, done in zip(groups, found, kept, strict=True):
+        is_success[numbers] = each.is_success
+        distance[numbers] = each.distance
         actions[numbers, : done.shape[1]] = done
 
     return SceneSetResults(is_success, distance, pool.oracle_distance, actions)
-
-
-def _kept(results: SceneSetResults) -> NDArray[np.int8]:
-    assert results.actions is not None
-    return results.actions
 
 
 def _play(

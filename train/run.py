@@ -126,8 +126,9 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 
     callbacks = [evaluation, resume.Checkpoints(evaluation, config.checkpoint_every)]
     callbacks += [Progress()] if config.progress else []
-    if hasattr(config.agent, "final_ent_coef"):
-        callbacks.append(FallingEntropy(config.agent.ent_coef, config.agent.final_ent_coef))
+    last = getattr(config.agent, "final_ent_coef", None)
+    if last is not None:
+        callbacks.append(FallingEntropy(config.agent.ent_coef, last))
 
     with noticed(evaluation.interrupt):
         steps = config.agent.total_timesteps - model.num_timesteps

@@ -39,14 +39,12 @@ class ContinuousPpoConfig(PpoConfig):
     ent_coef: float = 0.02
     """Weight of the entropy bonus at the start; it falls linearly, so that headings spread ever
     less."""
-    final_ent_coef: float = 0.0
-    """Weight of the entropy bonus at the end of the schedule."""
+    final_ent_coef: float | None = 0.0
     log_std_init: float = -0.5
     """Logarithm of the standard deviation of actions at the start; it is learned."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "weight", "final_ent_coef")
         check_settings(self, "whole", "max_episode_steps")
         if not isfinite(self.log_std_init):
             raise ValueError(f"log_std_init={self.log_std_init} must be a finite number")

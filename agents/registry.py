@@ -87,8 +87,13 @@ def _tested_every(steps: int) -> dict[str, int]:
 # Where the panel is switched, there are as many maps as configurations, and most switches are
 # refused: networks that see the mask learn not to try them, those that are told which cells and
 # configurations meet the target learn where a switch pays, and so do more steps and more
-# exploration.
-_SWITCHING_PPO: dict[str, Any] = {"signs": True, "gae_lambda": 0.95}
+# exploration. PPO ends it, as without a mask it would go on to try what is refused.
+_SWITCHING_MASKABLE_PPO: dict[str, Any] = {"signs": True, "gae_lambda": 0.95}
+_SWITCHING_PPO: dict[str, Any] = {
+    **_SWITCHING_MASKABLE_PPO,
+    "total_timesteps": 1_000_000,
+    "final_ent_coef": 0.002,
+}
 _SWITCHING_DQN: dict[str, Any] = {
     "signs": True,
     "total_timesteps": 700_000,
@@ -123,7 +128,7 @@ ALGORITHMS: dict[str, Row] = {
         learner="sb3_contrib:MaskablePPO",
         env={"random_start": 0.7},
         codebook_env={"random_start": 0.9},
-        codebook_agent=_SWITCHING_PPO,
+        codebook_agent=_SWITCHING_MASKABLE_PPO,
     ),
     "ppo_lagrangian": Row(
         title="PPO-Lagrangian",

@@ -142,17 +142,20 @@ class Evaluation(BaseCallback):
         return episode.is_success and episode.distance < self.best.distance
 
 
-class FallingEntropy(BaseCallback):
-    """Lowers the weight of PPO's entropy bonus linearly, over the schedule."""
+class FallingSpread(BaseCallback):
+    """Lowers the logarithm of the standard deviation of PPO's actions linearly, over the schedule:
+    before a rollout, so that its actions and the update are of the same.
+    """
 
     def __init__(self, first: float, last: float) -> None:
         super().__init__()
         self.first = first
         self.last = last
 
-    def _on_rollout_end(self) -> None:
+    def _on_rollout_start(self) -> None:
         left = self.model._current_progress_remaining
-        self.model.ent_coef = self.last + (self.first - self.last) * left  # type: ignore[attr-defined]
+        policy: Any = self.model.policy
+        policy.log_std.data.fill_(self.last + (self.first - self.last) * left)
 
     def _on_step(self) -> bool:
         return True

@@ -106,8 +106,10 @@ _SWITCHING_DQN: dict[str, Any] = {
 
 # Where the robot goes anywhere, no path of a network is as short as the oracle's to the last digit.
 _NEVER_EXACT = {"stop_at_optimum": False}
+# On one map, where to go follows from where the robot is.
+_PLACE = "agents.networks.place_extractor:PlaceExtractor"
 # Phases differ from cell to cell, and tell nothing of where to go.
-_DRIVING: dict[str, Any] = {"random_start": 0.95, "irs_phases": False, "patch_radius": 3}
+_DRIVING: dict[str, Any] = {"random_start": 0.5, "irs_phases": False, "patch_radius": 3}
 
 # The order is that of command lines and pages. In one scene, where paths differ by 2 % only, an
 # agent finds the best one much more surely with starts in many places.
@@ -178,6 +180,7 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.continuous_ppo:ContinuousPpoConfig",
         learner="stable_baselines3:PPO",
         policy="agents.networks.bounded_policy:BoundedPolicy",
+        network=_PLACE,
         env=_DRIVING,
         training=_NEVER_EXACT,
     ),
@@ -186,6 +189,7 @@ ALGORITHMS: dict[str, Row] = {
         track="continuous",
         config="agents.single.sac:SacConfig",
         learner="stable_baselines3:SAC",
+        network=_PLACE,
         env=_DRIVING,
         training=_NEVER_EXACT,
     ),
@@ -194,6 +198,7 @@ ALGORITHMS: dict[str, Row] = {
         track="continuous",
         config="agents.single.td3:Td3Config",
         learner="stable_baselines3:TD3",
+        network=_PLACE,
         env=_DRIVING,
         training=_NEVER_EXACT,
     ),

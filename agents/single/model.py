@@ -23,6 +23,7 @@ _NOT_THE_MODELS = (
     "n_envs",
     "learning_rate",
     "final_learning_rate",
+    "final_ent_coef",
     "final_log_std",
     "signs",
 )

@@ -19,11 +19,12 @@ from irs_gym.datasets.scene_set import (
     scene_set_of,
 )
 from irs_gym.datasets.splits import split_of
-from irs_gym.grid import Cell, cells_at
+from irs_gym.grid import Cell, Motion, cells_at
 from irs_gym.mdp.codebook_packing import CodebookObservation, CodebookPacking
 from irs_gym.mdp.codebook_rules import CodebookMaps, check_maps_memory, choose_ends
-from irs_gym.mdp.configurations import cover_codebook
+from irs_gym.mdp.configurations import cover_of, ends_of
 from irs_gym.mdp.dynamics import check_bonus
+from irs_gym.mdp.robot import Collision
 from irs_gym.mdp.task import (
     Rules,
     Task,
@@ -116,6 +117,16 @@ class CodebookTask:
     """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
     goal_bonus: float = Task.goal_bonus
     """Reward at the goal, in metres."""
+    corner_cutting: bool = Task.corner_cutting
+    """Whether a diagonal move asks for its destination alone; otherwise it needs both cells beside
+    it, under the present configuration.
+    """
+    robot_radius: float = Task.robot_radius
+    """Metres: cells whose centre is nearer than that to an obstacle or a wall cannot be entered."""
+    collision: Collision = Task.collision
+    """Where obstacles count: at the "centre" of a cell alone, or wherever the robot's "body" meets
+    one on a move. Scenes of a split that such a robot cannot solve are left out, with a warning.
+    """
     start: Cell | None = Task.start
     """Cell (i, j) in place of the scene's start."""
     goal: Cell | None = Task.goal
@@ -224,6 +235,9 @@ class CodebookTaskArguments(TypedDict, total=False):
     random_start: float
     shaping: bool
     goal_bonus: float
+    corner_cutting: bool
+    robot_radius: float
+    collision: Collision
     start: Cell | None
     goal: Cell | None
     split: str | None
@@ -287,14 +301,16 @@ def _of_one(task: CodebookTask) -> CodebookMaps:
     size = task.codebook[1] if isinstance(task.codebook, tuple) else task.codebook.size  # type: ignore[union-attr]
     check_maps_memory(1, size, grid.shape, f"codebook, cell_size={task.cell_size}")
 
-    start = task.start or grid.cell_of(scene.start)
-    goal = task.goal or grid.cell_of(scene.goal)
+    robot = task.rules.robot
+    free, motion = robot.room_in(radio.free, grid, scene)
+    start, goal = ends_of(radio, robot, free, task.start, task.goal)
     if isinstance(task.codebook, tuple):
-        codebook = design(task.codebook, radio, whole.target_db, start, goal)
+        codebook = design(task.codebook, radio, whole.target_db, start, goal, free, motion)
     else:
         codebook = task.codebook  # type: ignore[assignment]
 
     gain_db = codebook_gain_db(scene, codebook, task.cell_size, None, task.array_model)
+    gain_db[:, ~free] = -np.inf  # (K, X, Y)
     shifts = codebook.phase_shifts if task.rules.irs_phases else codebook.phase_shifts[:, :0]
 
     return CodebookMaps(
@@ -304,12 +320,13 @@ def _of_one(task: CodebookTask) -> CodebookMaps:
         scenes=(scene,),
         target_db=np.array([whole.target_db]),
         gain_db=gain_db[None],
-        to_go=_to_go(gain_db, whole.target_db, goal, task)[None],
+        to_go=_to_go(gain_db, whole.target_db, goal, task, motion)[None],
         irs=_told(scene, radio.phase_bits, shifts)[None],
         start=np.array([start]),
         goal=np.array([goal]),
         cell_size=float(task.cell_size),
         source=(build_codebook_maps, (task,)),
+        passable=None if motion["passable"] is None else motion["passable"][None],
     )
 
 
@@ -329,17 +346,25 @@ def _of_many(task: CodebookTask) -> CodebookMaps:
     for n, scene in enumerate(pool.scenes):
         start, goal = (_cell(each[n]) for each in (pool.start, pool.goal))
         radio = RadioModel.of(scene, pool.cell_size, None, None, "nearest", "far_field")
+        columns, rows = radio.grid.shape  # of its own room, in a corner of the frame
+        free = pool.free[n, :columns, :rows]
+        motion = pool.motion(n)
+        if motion["passable"] is not None:
+            motion["passable"] = motion["passable"][:columns, :rows]
+
         try:
-            codebook = design((kind, size), radio, float(target_db[n]), start, goal)
-            own = codebook_gain_db(scene, codebook, pool.cell_size)  # (K, its own X, Y)
+            codebook = design((kind, size), radio, float(target_db[n]), start, goal, free, motion)
+            gains = codebook_gain_db(scene, codebook, pool.cell_size)  # (K, its own X, Y)
         except ValueError as error:
             raise ValueError(f"scene {pool.names[n]!r}: {error}") from None
 
-        gain_db[n, :, : own.shape[1], : own.shape[2]] = own
-        highest = highest_joint_target(own, start, goal)
+        gains[:, ~free] = -np.inf
+        highest = highest_joint_target(gains, start, goal, **motion)
         # rounded down, so that it is one that can be told
         target_db[n] = min(target_db[n], floor(highest * 1e4) / 1e4)
-        to_go[n, :, : own.shape[1], : own.shape[2]] = _to_go(own, float(target_db[n]), goal, task)
+        gain_db[n, :, :columns, :rows] = gains
+        left = _to_go(gains, float(target_db[n]), goal, task, motion)
+        to_go[n, :, :columns, :rows] = left
         irs.append(_told(scene, scene.phase_bits, codebook.phase_shifts[:, :0]))
 
     return CodebookMaps(
@@ -355,24 +380,31 @@ def _of_many(task: CodebookTask) -> CodebookMaps:
         goal=pool.goal,
         cell_size=pool.cell_size,
         source=(build_codebook_maps, (task,)),
+        passable=pool.motion(np.s_[:])["passable"],
     )
 
 
 def design(
-    asked: tuple[CodebookKind, int], radio: RadioModel, target_db: float, start: Cell, goal: Cell
+    asked: tuple[CodebookKind, int],
+    radio: RadioModel,
+    target_db: float,
+    start: Cell,
+    goal: Cell,
+    free: NDArray[np.bool_],
+    motion: Motion,
 ) -> Codebook:
-    """A codebook of that design and size for a scene."""
+    """A codebook of that design and size for a scene, and a robot that can be in the free cells
+    ``(X, Y)`` and makes such moves.
+    """
     kind, size = asked
     scene = radio.built_scene
     hardware = (radio.phase_bits, radio.quantiser, radio.array_model)
     if kind == "dft":
         return dft_codebook(scene, size, None, radio.phase_bits, radio.quantiser)
     if kind == "cover":
-        cell_size = radio.cell_size
-        return cover_codebook(scene, size, target_db, cell_size, None, *hardware, start, goal)
+        return cover_of(radio, size, target_db, start, goal, free, motion)
 
-    free = ~scene.floor.is_covered(radio.grid.centres().reshape(-1, 2))
-    cells = spread_cells(free.reshape(radio.grid.shape), start, size)
+    cells = spread_cells(free, start, size)
 
     return focused_codebook(scene, cells, radio.cell_size, None, *hardware)
 
@@ -401,8 +433,11 @@ def spread_cells(free: NDArray[np.bool_], start: Cell, count: int) -> NDArray[np
     return np.stack(chosen)
 
 
-def _to_go(gain_db: NDArray[np.float64], target_db: float, goal: Cell, task: CodebookTask) -> Any:
-    return joint_distance_to_go(gain_db, target_db, goal, task.cell_size, task.switch_cost)
+def _to_go(
+    gain_db: NDArray[np.float64], target_db: float, goal: Cell, task: CodebookTask, motion: Motion
+) -> NDArray[np.float64]:
+    cell_size = task.cell_size
+    return joint_distance_to_go(gain_db, target_db, goal, cell_size, task.switch_cost, **motion)
 
 
 def _told(scene: Scene, phase_bits: int | None, shifts: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -415,13 +450,14 @@ def _told(scene: Scene, phase_bits: int | None, shifts: NDArray[np.float64]) -> 
 
 
 def _pool(task: CodebookTask) -> SceneSet:
+    robot = task.rules.robot
     if isinstance(task.scenes, SceneSet):
-        return task.scenes
+        return task.scenes.for_robot(robot)
     if task.scenes is None:
         assert task.split is not None
-        return build_scene_set(task.split, task.num_scenes)
+        return build_scene_set(task.split, task.num_scenes).for_robot(robot)
 
-    return scene_set_of(task.scenes)  # type: ignore[arg-type]  # read by then
+    return scene_set_of(task.scenes, robot=robot)  # type: ignore[arg-type]  # read by then
 
 
 def _cell(values: NDArray[np.int64]) -> Cell:

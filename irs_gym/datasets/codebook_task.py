@@ -12,13 +12,7 @@ from typing import Any, Literal, TypedDict, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.scene_set import (
-    SceneSet,
-    build_scene_set,
-    read_scenes,
-    scene_set_of,
-)
-from irs_gym.datasets.splits import split_of
+from irs_gym.datasets.scene_set import SceneSet, check_scenes, chosen_scenes
 from irs_gym.grid import Cell, Motion, cells_at
 from irs_gym.mdp.codebook_packing import CodebookObservation, CodebookPacking
 from irs_gym.mdp.codebook_rules import CodebookMaps, check_maps_memory, choose_ends
@@ -46,19 +40,6 @@ from irs_gym.radio.scene import Scene, load_scenes
 CodebookKind = Literal["cover", "focused", "dft"]
 CodebookConstraint = Literal["refuse", "terminate", "allow"]
 MOST_CONFIGURATIONS = 65_536
-
-# Of one scene alone: a set of scenes says them itself.
-_OF_ONE_SCENE = (
-    "scene",
-    "target_db",
-    "cell_size",
-    "irs_elements",
-    "phase_bits",
-    "quantiser",
-    "array_model",
-    "start",
-    "goal",
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +124,9 @@ class CodebookTask:
         object.__setattr__(self, "switch_cost", checked_switch_cost(self.switch_cost))
 
         if self.has_many_scenes:
-            self._check_many()
+            check_scenes(self)
+            if self.is_made:
+                raise ValueError("codebook must be a design and a size where there are many scenes")
         else:
             one = self.one_scene  # checks the fields that it shares with others
             for name in ("scene", "start", "goal"):
@@ -176,12 +159,7 @@ class CodebookTask:
     @cached_property
     def rules(self) -> Rules:
         """The part that is the robot's."""
-        names = [each.name for each in fields(Rules)]
-        # what is none of its arguments is as in `IrsNav-v0` by default
-        own: dict[str, Any] = {
-            name: getattr(self, name, getattr(Task, name, None)) for name in names
-        }
-        rules = Rules(**own)
+        rules = Rules.of(self)
         return replace(rules, irs_phases=False) if self.has_many_scenes else rules
 
     @cached_property
@@ -189,28 +167,6 @@ class CodebookTask:
         """The task of `IrsNav-v0` in the same scene, with phases that follow the robot."""
         own = {each.name for each in fields(self)} & {each.name for each in fields(Task)}
         return Task(**{name: getattr(self, name) for name in own})
-
-    def _check_many(self) -> None:
-        if self.split is not None and self.scenes is not None:
-            raise ValueError("split cannot be given along with scenes, which takes its place")
-
-        given = [
-            name for name in _OF_ONE_SCENE if getattr(self, name) != getattr(CodebookTask, name)
-        ]
-        if given:
-            which = "split" if self.split is not None else "scenes"
-            raise ValueError(
-                f"{', '.join(given)} cannot be given along with {which}, whose scenes say it"
-            )
-        if self.is_made:
-            raise ValueError("codebook must be a design and a size where there are many scenes")
-
-        size = split_of(self.split or "train").size
-        if not is_integer(self.num_scenes) or not 1 <= self.num_scenes <= size:
-            raise ValueError(f"num_scenes={self.num_scenes!r} must be a number from 1 to {size}")
-
-        if self.scenes is not None and not isinstance(self.scenes, str | Path | SceneSet):
-            object.__setattr__(self, "scenes", read_scenes(self.scenes))
 
     def __deepcopy__(self, memo: Any) -> "CodebookTask":
         return self  # frozen, and so are its scenes
@@ -334,7 +290,7 @@ def _of_many(task: CodebookTask) -> CodebookMaps:
     """Scenes on one frame, each with a codebook of its own, and with its own target or, where no
     joint path holds that, the highest one that some does.
     """
-    pool = _pool(task)
+    pool = chosen_scenes(task.split, task.num_scenes, task.scenes, task.rules.robot)
     assert isinstance(task.codebook, tuple)
     kind, size = task.codebook
     check_maps_memory(len(pool), size, pool.shape, f"codebook={task.codebook}, num_scenes")
@@ -447,17 +403,6 @@ def _told(scene: Scene, phase_bits: int | None, shifts: NDArray[np.float64]) -> 
     held = np.mod(shifts, 2 * np.pi).astype(np.float32)
 
     return np.concatenate([spread, np.clip(held / np.float32(np.pi) - 1, -1, 1)], axis=-1)
-
-
-def _pool(task: CodebookTask) -> SceneSet:
-    robot = task.rules.robot
-    if isinstance(task.scenes, SceneSet):
-        return task.scenes.for_robot(robot)
-    if task.scenes is None:
-        assert task.split is not None
-        return build_scene_set(task.split, task.num_scenes).for_robot(robot)
-
-    return scene_set_of(task.scenes, robot=robot)  # type: ignore[arg-type]  # read by then
 
 
 def _cell(values: NDArray[np.int64]) -> Cell:

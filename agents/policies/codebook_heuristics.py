@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy
-from irs_gym.grid import Cell, neighbours
+from irs_gym.grid import Cell, legal_moves, neighbours
 from irs_gym.mdp.codebook_rules import CodebookMaps, CodebookRules
 from irs_gym.oracle.joint import joint_distance_to_go
 from irs_gym.oracle.shortest_path import distance_to_go, optimal_moves
@@ -115,10 +115,13 @@ def _moves(rules: CodebookRules, configuration: int) -> Bools:
     """Moves that begin a shortest path under one configuration, ``(X * Y, 8)``."""
     maps = rules.maps
     scene, goal = rules.pairs[0]
-    to_go = distance_to_go(maps.feasible[scene, configuration], goal, maps.cell_size)
-    return np.asarray(np.moveaxis(optimal_moves(to_go[None], maps.cell_size)[0], 0, -1)).reshape(
-        -1, 8
-    )
+    motion = maps.motion(scene)
+    feasible = maps.feasible[scene, configuration]
+    to_go = distance_to_go(feasible, goal, maps.cell_size, **motion)
+    legal = legal_moves(feasible, **motion)  # (X, Y, 8)
+    is_best = optimal_moves(to_go[None], maps.cell_size, legal[None])[0]  # (8, X, Y)
+
+    return np.asarray(np.moveaxis(is_best, 0, -1)).reshape(-1, 8)
 
 
 @lru_cache(maxsize=64)
@@ -128,9 +131,12 @@ def _free_switching(rules: CodebookRules) -> tuple[Bools, NDArray[np.float64]]:
     """
     maps = rules.maps
     scene, goal = rules.pairs[0]
+    motion = maps.motion(scene)
     gain_db = maps.gain_db[scene]
-    to_go = joint_distance_to_go(gain_db, float(maps.target_db[scene]), goal, maps.cell_size)
-    is_best = np.moveaxis(optimal_moves(to_go, maps.cell_size), 1, -1)  # (K, X, Y, 8)
+    target_db = float(maps.target_db[scene])
+    to_go = joint_distance_to_go(gain_db, target_db, goal, maps.cell_size, **motion)
+    legal = legal_moves(maps.feasible[scene], **motion)  # (K, X, Y, 8)
+    is_best = np.moveaxis(optimal_moves(to_go, maps.cell_size, legal), 1, -1)  # (K, X, Y, 8)
     ahead = neighbours(gain_db, -np.inf)
     shape = (maps.configurations, maps.size, 8)
 

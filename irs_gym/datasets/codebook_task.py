@@ -12,18 +12,13 @@ from typing import Any, Literal, TypedDict, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.scene_set import (
-    SceneSet,
-    build_scene_set,
-    read_scenes,
-    scene_set_of,
-)
-from irs_gym.datasets.splits import split_of
-from irs_gym.grid import Cell, cells_at
+from irs_gym.datasets.scene_set import SceneSet, check_scenes, chosen_scenes
+from irs_gym.grid import Cell, Motion, cells_at
 from irs_gym.mdp.codebook_packing import CodebookObservation, CodebookPacking
 from irs_gym.mdp.codebook_rules import CodebookMaps, check_maps_memory, choose_ends
-from irs_gym.mdp.configurations import cover_codebook
+from irs_gym.mdp.configurations import cover_of, ends_of
 from irs_gym.mdp.dynamics import check_bonus
+from irs_gym.mdp.robot import Collision
 from irs_gym.mdp.task import (
     Rules,
     Task,
@@ -45,19 +40,6 @@ from irs_gym.radio.scene import Scene, load_scenes
 CodebookKind = Literal["cover", "focused", "dft"]
 CodebookConstraint = Literal["refuse", "terminate", "allow"]
 MOST_CONFIGURATIONS = 65_536
-
-# Of one scene alone: a set of scenes says them itself.
-_OF_ONE_SCENE = (
-    "scene",
-    "target_db",
-    "cell_size",
-    "irs_elements",
-    "phase_bits",
-    "quantiser",
-    "array_model",
-    "start",
-    "goal",
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +98,16 @@ class CodebookTask:
     """Whether the reward holds the potential-based term (minus the octile distance to the goal)."""
     goal_bonus: float = Task.goal_bonus
     """Reward at the goal, in metres."""
+    corner_cutting: bool = Task.corner_cutting
+    """Whether a diagonal move asks for its destination alone; otherwise it needs both cells beside
+    it, under the present configuration.
+    """
+    robot_radius: float = Task.robot_radius
+    """Metres: cells whose centre is nearer than that to an obstacle or a wall cannot be entered."""
+    collision: Collision = Task.collision
+    """Where obstacles count: at the "centre" of a cell alone, or wherever the robot's "body" meets
+    one on a move. Scenes of a split that such a robot cannot solve are left out, with a warning.
+    """
     start: Cell | None = Task.start
     """Cell (i, j) in place of the scene's start."""
     goal: Cell | None = Task.goal
@@ -132,7 +124,9 @@ class CodebookTask:
         object.__setattr__(self, "switch_cost", checked_switch_cost(self.switch_cost))
 
         if self.has_many_scenes:
-            self._check_many()
+            check_scenes(self)
+            if self.is_made:
+                raise ValueError("codebook must be a design and a size where there are many scenes")
         else:
             one = self.one_scene  # checks the fields that it shares with others
             for name in ("scene", "start", "goal"):
@@ -165,12 +159,7 @@ class CodebookTask:
     @cached_property
     def rules(self) -> Rules:
         """The part that is the robot's."""
-        names = [each.name for each in fields(Rules)]
-        # what is none of its arguments is as in `IrsNav-v0` by default
-        own: dict[str, Any] = {
-            name: getattr(self, name, getattr(Task, name, None)) for name in names
-        }
-        rules = Rules(**own)
+        rules = Rules.of(self)
         return replace(rules, irs_phases=False) if self.has_many_scenes else rules
 
     @cached_property
@@ -178,28 +167,6 @@ class CodebookTask:
         """The task of `IrsNav-v0` in the same scene, with phases that follow the robot."""
         own = {each.name for each in fields(self)} & {each.name for each in fields(Task)}
         return Task(**{name: getattr(self, name) for name in own})
-
-    def _check_many(self) -> None:
-        if self.split is not None and self.scenes is not None:
-            raise ValueError("split cannot be given along with scenes, which takes its place")
-
-        given = [
-            name for name in _OF_ONE_SCENE if getattr(self, name) != getattr(CodebookTask, name)
-        ]
-        if given:
-            which = "split" if self.split is not None else "scenes"
-            raise ValueError(
-                f"{', '.join(given)} cannot be given along with {which}, whose scenes say it"
-            )
-        if self.is_made:
-            raise ValueError("codebook must be a design and a size where there are many scenes")
-
-        size = split_of(self.split or "train").size
-        if not is_integer(self.num_scenes) or not 1 <= self.num_scenes <= size:
-            raise ValueError(f"num_scenes={self.num_scenes!r} must be a number from 1 to {size}")
-
-        if self.scenes is not None and not isinstance(self.scenes, str | Path | SceneSet):
-            object.__setattr__(self, "scenes", read_scenes(self.scenes))
 
     def __deepcopy__(self, memo: Any) -> "CodebookTask":
         return self  # frozen, and so are its scenes
@@ -224,6 +191,9 @@ class CodebookTaskArguments(TypedDict, total=False):
     random_start: float
     shaping: bool
     goal_bonus: float
+    corner_cutting: bool
+    robot_radius: float
+    collision: Collision
     start: Cell | None
     goal: Cell | None
     split: str | None
@@ -287,14 +257,16 @@ def _of_one(task: CodebookTask) -> CodebookMaps:
     size = task.codebook[1] if isinstance(task.codebook, tuple) else task.codebook.size  # type: ignore[union-attr]
     check_maps_memory(1, size, grid.shape, f"codebook, cell_size={task.cell_size}")
 
-    start = task.start or grid.cell_of(scene.start)
-    goal = task.goal or grid.cell_of(scene.goal)
+    robot = task.rules.robot
+    free, motion = robot.room_in(radio.free, grid, scene)
+    start, goal = ends_of(radio, robot, free, task.start, task.goal)
     if isinstance(task.codebook, tuple):
-        codebook = design(task.codebook, radio, whole.target_db, start, goal)
+        codebook = design(task.codebook, radio, whole.target_db, start, goal, free, motion)
     else:
         codebook = task.codebook  # type: ignore[assignment]
 
     gain_db = codebook_gain_db(scene, codebook, task.cell_size, None, task.array_model)
+    gain_db[:, ~free] = -np.inf  # (K, X, Y)
     shifts = codebook.phase_shifts if task.rules.irs_phases else codebook.phase_shifts[:, :0]
 
     return CodebookMaps(
@@ -304,12 +276,13 @@ def _of_one(task: CodebookTask) -> CodebookMaps:
         scenes=(scene,),
         target_db=np.array([whole.target_db]),
         gain_db=gain_db[None],
-        to_go=_to_go(gain_db, whole.target_db, goal, task)[None],
+        to_go=_to_go(gain_db, whole.target_db, goal, task, motion)[None],
         irs=_told(scene, radio.phase_bits, shifts)[None],
         start=np.array([start]),
         goal=np.array([goal]),
         cell_size=float(task.cell_size),
         source=(build_codebook_maps, (task,)),
+        passable=None if motion["passable"] is None else motion["passable"][None],
     )
 
 
@@ -317,7 +290,7 @@ def _of_many(task: CodebookTask) -> CodebookMaps:
     """Scenes on one frame, each with a codebook of its own, and with its own target or, where no
     joint path holds that, the highest one that some does.
     """
-    pool = _pool(task)
+    pool = chosen_scenes(task.split, task.num_scenes, task.scenes, task.rules.robot)
     assert isinstance(task.codebook, tuple)
     kind, size = task.codebook
     check_maps_memory(len(pool), size, pool.shape, f"codebook={task.codebook}, num_scenes")
@@ -329,17 +302,25 @@ def _of_many(task: CodebookTask) -> CodebookMaps:
     for n, scene in enumerate(pool.scenes):
         start, goal = (_cell(each[n]) for each in (pool.start, pool.goal))
         radio = RadioModel.of(scene, pool.cell_size, None, None, "nearest", "far_field")
+        columns, rows = radio.grid.shape  # of its own room, in a corner of the frame
+        free = pool.free[n, :columns, :rows]
+        motion = pool.motion(n)
+        if motion["passable"] is not None:
+            motion["passable"] = motion["passable"][:columns, :rows]
+
         try:
-            codebook = design((kind, size), radio, float(target_db[n]), start, goal)
-            own = codebook_gain_db(scene, codebook, pool.cell_size)  # (K, its own X, Y)
+            codebook = design((kind, size), radio, float(target_db[n]), start, goal, free, motion)
+            gains = codebook_gain_db(scene, codebook, pool.cell_size)  # (K, its own X, Y)
         except ValueError as error:
             raise ValueError(f"scene {pool.names[n]!r}: {error}") from None
 
-        gain_db[n, :, : own.shape[1], : own.shape[2]] = own
-        highest = highest_joint_target(own, start, goal)
+        gains[:, ~free] = -np.inf
+        highest = highest_joint_target(gains, start, goal, **motion)
         # rounded down, so that it is one that can be told
         target_db[n] = min(target_db[n], floor(highest * 1e4) / 1e4)
-        to_go[n, :, : own.shape[1], : own.shape[2]] = _to_go(own, float(target_db[n]), goal, task)
+        gain_db[n, :, :columns, :rows] = gains
+        left = _to_go(gains, float(target_db[n]), goal, task, motion)
+        to_go[n, :, :columns, :rows] = left
         irs.append(_told(scene, scene.phase_bits, codebook.phase_shifts[:, :0]))
 
     return CodebookMaps(
@@ -355,24 +336,31 @@ def _of_many(task: CodebookTask) -> CodebookMaps:
         goal=pool.goal,
         cell_size=pool.cell_size,
         source=(build_codebook_maps, (task,)),
+        passable=pool.motion(np.s_[:])["passable"],
     )
 
 
 def design(
-    asked: tuple[CodebookKind, int], radio: RadioModel, target_db: float, start: Cell, goal: Cell
+    asked: tuple[CodebookKind, int],
+    radio: RadioModel,
+    target_db: float,
+    start: Cell,
+    goal: Cell,
+    free: NDArray[np.bool_],
+    motion: Motion,
 ) -> Codebook:
-    """A codebook of that design and size for a scene."""
+    """A codebook of that design and size for a scene, and a robot that can be in the free cells
+    ``(X, Y)`` and makes such moves.
+    """
     kind, size = asked
     scene = radio.built_scene
     hardware = (radio.phase_bits, radio.quantiser, radio.array_model)
     if kind == "dft":
         return dft_codebook(scene, size, None, radio.phase_bits, radio.quantiser)
     if kind == "cover":
-        cell_size = radio.cell_size
-        return cover_codebook(scene, size, target_db, cell_size, None, *hardware, start, goal)
+        return cover_of(radio, size, target_db, start, goal, free, motion)
 
-    free = ~scene.floor.is_covered(radio.grid.centres().reshape(-1, 2))
-    cells = spread_cells(free.reshape(radio.grid.shape), start, size)
+    cells = spread_cells(free, start, size)
 
     return focused_codebook(scene, cells, radio.cell_size, None, *hardware)
 
@@ -401,8 +389,11 @@ def spread_cells(free: NDArray[np.bool_], start: Cell, count: int) -> NDArray[np
     return np.stack(chosen)
 
 
-def _to_go(gain_db: NDArray[np.float64], target_db: float, goal: Cell, task: CodebookTask) -> Any:
-    return joint_distance_to_go(gain_db, target_db, goal, task.cell_size, task.switch_cost)
+def _to_go(
+    gain_db: NDArray[np.float64], target_db: float, goal: Cell, task: CodebookTask, motion: Motion
+) -> NDArray[np.float64]:
+    cell_size = task.cell_size
+    return joint_distance_to_go(gain_db, target_db, goal, cell_size, task.switch_cost, **motion)
 
 
 def _told(scene: Scene, phase_bits: int | None, shifts: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -412,16 +403,6 @@ def _told(scene: Scene, phase_bits: int | None, shifts: NDArray[np.float64]) -> 
     held = np.mod(shifts, 2 * np.pi).astype(np.float32)
 
     return np.concatenate([spread, np.clip(held / np.float32(np.pi) - 1, -1, 1)], axis=-1)
-
-
-def _pool(task: CodebookTask) -> SceneSet:
-    if isinstance(task.scenes, SceneSet):
-        return task.scenes
-    if task.scenes is None:
-        assert task.split is not None
-        return build_scene_set(task.split, task.num_scenes)
-
-    return scene_set_of(task.scenes)  # type: ignore[arg-type]  # read by then
 
 
 def _cell(values: NDArray[np.int64]) -> Cell:

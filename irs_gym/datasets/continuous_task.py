@@ -9,32 +9,18 @@ from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 
-from irs_gym.datasets.scene_set import SceneSet, read_scenes
-from irs_gym.datasets.splits import split_of
+from irs_gym.datasets.scene_set import SceneSet, check_scenes
 from irs_gym.grid import checked_point
 from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget
 from irs_gym.mdp.continuous_maps import FieldKind, Point
 from irs_gym.mdp.cost import CostKind
-from irs_gym.mdp.task import Constraint, Rules, Task, checked_fields, is_integer
+from irs_gym.mdp.task import Constraint, Rules, Task, checked_fields
 from irs_gym.radio.irs import ArrayModel, Quantiser
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene
 
 ContinuousObservation = Literal["dict", "flat"]
 
-# Of one scene alone: a set of scenes says them itself.
-_OF_ONE_SCENE = (
-    "scene",
-    "target_db",
-    "cell_size",
-    "irs_elements",
-    "phase_bits",
-    "quantiser",
-    "array_model",
-    "radio_map",
-    "start",
-    "goal",
-)
 _MOST = 1e6  # of metres, seconds and metres a second
 
 
@@ -136,7 +122,7 @@ class ContinuousTask:
             self._check_exact()
 
         if self.has_many_scenes:
-            self._check_many()
+            check_scenes(self)
         else:
             one = self.one_scene()
             for name in ("scene", "radio_map"):
@@ -152,12 +138,7 @@ class ContinuousTask:
     @cached_property
     def rules(self) -> Rules:
         """The part that is the robot's."""
-        # what is none of its arguments is as in `IrsNav-v0` by default
-        own: dict[str, Any] = {
-            each.name: getattr(self, each.name, getattr(Task, each.name, None))
-            for each in fields(Rules)
-        }
-        rules = Rules(**own)
+        rules = Rules.of(self)
         return replace(rules, irs_phases=False) if self.has_many_scenes else rules
 
     def one_scene(self, **ends: Any) -> Task:
@@ -189,26 +170,6 @@ class ContinuousTask:
                 "cost='outage' cannot be given along with field='exact': only 'violation' and "
                 "'deficit' can"
             )
-
-    def _check_many(self) -> None:
-        if self.split is not None and self.scenes is not None:
-            raise ValueError("split cannot be given along with scenes, which takes its place")
-
-        given = [
-            name for name in _OF_ONE_SCENE if getattr(self, name) != getattr(ContinuousTask, name)
-        ]
-        if given:
-            which = "split" if self.split is not None else "scenes"
-            raise ValueError(
-                f"{', '.join(given)} cannot be given along with {which}, whose scenes say it"
-            )
-
-        size = split_of(self.split or "train").size
-        if not is_integer(self.num_scenes) or not 1 <= self.num_scenes <= size:
-            raise ValueError(f"num_scenes={self.num_scenes!r} must be a number from 1 to {size}")
-
-        if self.scenes is not None and not isinstance(self.scenes, str | Path | SceneSet):
-            object.__setattr__(self, "scenes", read_scenes(self.scenes))
 
     def __deepcopy__(self, memo: Any) -> "ContinuousTask":
         return self  # frozen, and so are its scenes

@@ -10,12 +10,7 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.datasets.scene_set import (
-    SceneSet,
-    build_scene_set,
-    read_scenes,
-    scene_set_of,
-)
+from irs_gym.datasets.scene_set import SceneSet, chosen_scenes, read_scenes
 from irs_gym.datasets.splits import split_of
 from irs_gym.datasets.start_fronts import StartFronts
 from irs_gym.grid import Grid
@@ -125,8 +120,7 @@ class RandomTask:
     @cached_property
     def rules(self) -> Rules:
         """The robot's part of the task, the same in all scenes; it is told no phase shifts."""
-        own = {each.name for each in fields(self)} & {each.name for each in fields(Rules)}
-        return Rules(irs_phases=False, **{name: getattr(self, name) for name in own})
+        return replace(Rules.of(self), irs_phases=False)
 
     def __deepcopy__(self, memo: Any) -> "RandomTask":
         return self  # frozen, and so are its scenes
@@ -252,14 +246,7 @@ def build_worlds(task: RandomTask) -> Worlds:
 
 @lru_cache(maxsize=4)
 def _build_worlds(task: RandomTask) -> Worlds:
-    robot = task.rules.robot
-    if isinstance(task.scenes, SceneSet):
-        pool = task.scenes.for_robot(robot)
-    elif task.scenes is None:
-        pool = build_scene_set(task.split, task.num_scenes).for_robot(robot)
-    else:
-        pool = scene_set_of(read_scenes(task.scenes), robot=robot)
-
+    pool = chosen_scenes(task.split, task.num_scenes, task.scenes, task.rules.robot)
     worlds = Worlds(task, pool)
     for number in _hardest(worlds):
         try:

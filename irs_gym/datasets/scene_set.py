@@ -18,6 +18,7 @@ from irs_gym.datasets.solved_scene import SolvedScene, solve
 from irs_gym.datasets.splits import check_frozen, members_of, split_of
 from irs_gym.grid import Grid, Motion, as_cell
 from irs_gym.mdp.robot import PAPER_ROBOT, Robot
+from irs_gym.mdp.task import is_integer
 from irs_gym.memory import check_memory, freeze, frozen
 from irs_gym.oracle.shortest_path import distance_to_go
 from irs_gym.radio.fading import RicianFading
@@ -28,6 +29,20 @@ FRAME_SIDE = 40  # cells: sides of the frames that policies see maps in are mult
 
 # For each cell of each scene, at the most: maps, rules, and shards before they are joined.
 _CELL_BYTES = 50
+
+# Of one scene alone: a set of scenes says them itself.
+_OF_ONE_SCENE = (
+    "scene",
+    "target_db",
+    "cell_size",
+    "irs_elements",
+    "phase_bits",
+    "quantiser",
+    "array_model",
+    "radio_map",
+    "start",
+    "goal",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +222,29 @@ def read_scenes(scenes: Any) -> tuple[Scene, ...]:
     return tuple(each if isinstance(each, Scene) else Scene.from_data(each) for each in scenes)
 
 
+def check_scenes(task: Any) -> None:
+    """Refuse what a task of one scene or many cannot ask of many, by a ``ValueError`` that names
+    it; ``scenes`` that are given are read.
+    """
+    if task.split is not None and task.scenes is not None:
+        raise ValueError("split cannot be given along with scenes, which takes its place")
+
+    defaults = {name: getattr(type(task), name, None) for name in _OF_ONE_SCENE}
+    given = [name for name, usual in defaults.items() if getattr(task, name, None) != usual]
+    if given:
+        which = "split" if task.split is not None else "scenes"
+        raise ValueError(
+            f"{', '.join(given)} cannot be given along with {which}, whose scenes say it"
+        )
+
+    size = split_of(task.split or "train").size
+    if not is_integer(task.num_scenes) or not 1 <= task.num_scenes <= size:
+        raise ValueError(f"num_scenes={task.num_scenes!r} must be a number from 1 to {size}")
+
+    if task.scenes is not None and not isinstance(task.scenes, str | Path | SceneSet):
+        object.__setattr__(task, "scenes", read_scenes(task.scenes))
+
+
 def scene_set_of(
     scenes: Sequence[Scene],
     names: Sequence[str] | None = None,
@@ -325,6 +363,19 @@ def build_scene_set(
     check_frozen(split, texts)
 
     return _scene_set(_Texts(texts), tuple(f"{split}-{n}" for n in range(count)), shard, CELL_SIZE)
+
+
+def chosen_scenes(split: str | None, num_scenes: int, scenes: Any, robot: Robot) -> SceneSet:
+    """The scenes given for a robot, else the first of a split without those that it cannot solve;
+    see `SceneSet.for_robot`, and `scene_set_of` for what is raised.
+    """
+    if isinstance(scenes, SceneSet):
+        return scenes.for_robot(robot)
+    if scenes is not None:
+        return scene_set_of(read_scenes(scenes), robot=robot)
+
+    assert split is not None
+    return build_scene_set(split, num_scenes).for_robot(robot)
 
 
 def _for_robot(pool: SceneSet, robot: Robot) -> SceneSet:

@@ -236,6 +236,7 @@ def joint_path(maps: CodebookMaps, ends: Ends) -> JointPath:
         maps.cell_size,
         maps.switch_cost,
         first=ends.configuration,
+        **maps.motion(ends.scene),
     )
 
 

@@ -54,7 +54,8 @@ class IrsNavCodebookEnv(gymnasium.Env[Any, int]):
 
     ## Action Space
     ``Discrete(8 + K)``: moves to a neighbouring cell, counter-clockwise from +x: E, NE, N, NW, W,
-    SW, S, SE; then 8 + k, a switch in place into configuration k. Diagonal moves may cut corners.
+    SW, S, SE; then 8 + k, a switch in place into configuration k. Diagonal moves may cut corners,
+    unless ``corner_cutting=False``.
 
     ## Observation Space
     Float32 in [-1, 1]. ``observation="dict"``:

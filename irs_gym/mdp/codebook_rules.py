@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import MOVE_LENGTHS, Cell, Grid, as_cell, cells_at, flat_cells
+from irs_gym.grid import MOVE_LENGTHS, Cell, Grid, Motion, as_cell, cells_at, flat_cells
 from irs_gym.mdp.codebook_packing import CodebookPacking
 from irs_gym.mdp.dynamics import (
     ACTIONS,
@@ -27,6 +27,7 @@ from irs_gym.mdp.dynamics import (
     start_cells,
 )
 from irs_gym.mdp.packing import Parts, own_positions, scaled_margin, vectors_to_goal
+from irs_gym.mdp.robot import PAPER_ROBOT
 from irs_gym.mdp.task import Rules, Task, World, is_integer
 from irs_gym.memory import check_memory, freeze, frozen
 from irs_gym.oracle.joint import joint_distance_to_go, joint_infeasible
@@ -60,6 +61,8 @@ class CodebookMaps:
     cell_size: float
     source: tuple[Callable[..., "CodebookMaps"], tuple[Any, ...]] = field(repr=False)
     """A call that gives it again."""
+    passable: Bools | None = field(default=None, repr=False)
+    """The moves that the robot's body can make, ``(S, X, Y, 8)``; None: all."""
 
     def __post_init__(self) -> None:
         freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
@@ -103,11 +106,19 @@ class CodebookMaps:
         """
         return frozen(self.gain_db.argmax(axis=1))
 
+    def motion(self, scenes: Any) -> Motion:
+        """What is asked of a move besides a free cell in scenes of those numbers, or in all that an
+        index of ``passable`` tells: arguments of `irs_gym.grid.legal_moves`.
+        """
+        passable = None if self.passable is None else self.passable[scenes]
+        return {"corner_cutting": self.rules.robot.corner_cutting, "passable": passable}
+
     @cached_property
     def permissions(self) -> tuple[Bools, Bools]:
         """Which moves are not refused, and which miss the target, ``(S * K * C, 8)`` each."""
         free = np.broadcast_to(self.free[:, None], self.feasible.shape)
-        may = permissions(self.rules.constraint, free, self.feasible)
+        motion = self.motion(np.s_[:, None])  # the same under all configurations
+        may = permissions(self.rules.constraint, free, self.feasible, **motion)
         legal, violating = (frozen(each.reshape(-1, ACTIONS)) for each in may)
 
         return legal, violating
@@ -170,7 +181,15 @@ class CodebookMaps:
     def fingerprint(self) -> bytes:
         """8 bytes that tell maps and rules apart; see `irs_gym.mdp.task.World.fingerprint`."""
         rules = self.rules
-        said = (rules.constraint, bool(rules.shaping), float(rules.goal_bonus), self.switch_cost)
+        said: tuple[Any, ...] = (
+            rules.constraint,
+            bool(rules.shaping),
+            float(rules.goal_bonus),
+            self.switch_cost,
+        )
+        if rules.robot != PAPER_ROBOT:  # who is not mentioned
+            said = (*said, repr(rules.robot))
+
         place = repr((self.gain_db.shape, float(self.cell_size), said)).encode()
         arrays = self.target_db.tobytes() + self.gain_db.tobytes()
 
@@ -204,6 +223,7 @@ def _to_go(maps: CodebookMaps, scene: int, goal: Cell) -> Floats:
             goal,
             maps.cell_size,
             maps.switch_cost,
+            **maps.motion(scene),
         )
     )
 
@@ -226,6 +246,7 @@ def configuration_world(maps: CodebookMaps, scene: int, configuration: int) -> W
         feasible=maps.feasible[scene, configuration],
         irs=np.broadcast_to(irs, (*maps.shape, len(irs))),
         source=(configuration_world, (maps, scene, configuration)),
+        passable=maps.motion(scene)["passable"],
     )
 
 
@@ -311,8 +332,8 @@ def _checked_ends(
     strongest = int(maps.strongest[(scene, *start)])
     first = strongest if configuration is None else _checked_configuration(maps, configuration)
     if not np.isfinite(to_go_of(maps, scene, goal)[(first, *start)]):
-        target_db = float(maps.target_db[scene])
-        raise ValueError(joint_infeasible(maps.gain_db[scene], start, goal, target_db, first))
+        said = (maps.gain_db[scene], start, goal, float(maps.target_db[scene]), first)
+        raise ValueError(joint_infeasible(*said, **maps.motion(scene)))
 
     return Ends(scene, first, start, goal)
 
@@ -338,11 +359,7 @@ def _checked_configuration(maps: CodebookMaps, configuration: Any) -> int:
 
 
 def _check_cell(maps: CodebookMaps, scene: int, name: str, cell: Cell) -> None:
-    i, j = as_cell(cell, name)
-    if not maps.grid(scene).has((i, j)):
-        raise ValueError(f"{name}={cell} lies off the map of {maps.shape} cells")
-    if not maps.free[scene, i, j]:
-        raise ValueError(f"{name}={cell} lies in an obstacle")
+    maps.rules.robot.check_cell(name, as_cell(cell, name), maps.free[scene])
 
 
 # --- states ---------------------------------------------------------------------------------------

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import Cell, as_cell
+from irs_gym.grid import Cell, Motion, as_cell
+from irs_gym.mdp.robot import Collision, Robot
 from irs_gym.memory import freeze
 from irs_gym.oracle.joint import checked_target
 from irs_gym.oracle.shortest_path import shortest_path
@@ -21,7 +22,7 @@ from irs_gym.radio.codebook import (
     focused_codebook,
 )
 from irs_gym.radio.irs import ArrayModel, Quantiser
-from irs_gym.radio.radio_map import RadioMap, as_scene, build_radio_map
+from irs_gym.radio.radio_map import RadioModel, build_map_and_shifts
 from irs_gym.radio.scene import Scene
 
 
@@ -67,6 +68,10 @@ def fewest_configurations(
     array_model: ArrayModel = "far_field",
     start: Cell | None = None,
     goal: Cell | None = None,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    collision: Collision = "centre",
 ) -> FewestConfigurations:
     """The shortest path with 0, 1, 2 ... switches of the panel, exactly, with the best
     configurations of all free cells to choose from. The first configuration is free.
@@ -85,6 +90,8 @@ def fewest_configurations(
         As for `irs_gym.build_radio_map`.
     start, goal
         Cells (i, j); None: those of the scene.
+    corner_cutting, robot_radius, collision
+        The robot that drives, see `irs_gym.Robot`; cells that it can be in are free.
 
     Raises
     ------
@@ -98,14 +105,18 @@ def fewest_configurations(
     >>> table.front.distances.round(3).tolist(), len(table.cells)
     ([25.142], 320)
     """
-    radio = (cell_size, irs_elements, phase_bits, quantiser, array_model)
-    candidates = _focused(as_scene(scene), checked_target(target_db), radio, start, goal)
-    feasible = candidates.radio_map.feasible(target_db)
-    path = shortest_path(feasible, candidates.start, candidates.goal, cell_size)
+    target_db = checked_target(target_db)
+    robot = Robot(corner_cutting=corner_cutting, robot_radius=robot_radius, collision=collision)
+    radio = RadioModel.of(scene, cell_size, irs_elements, phase_bits, quantiser, array_model)
+    radio_map, motion = robot.fit(build_map_and_shifts(radio, needs_shifts=False)[0], radio.scene)
+    ends = ends_of(radio, robot, radio_map.free, start, goal)
+
+    found = _focused(radio, target_db, *ends, radio_map.free, motion)
+    path = shortest_path(radio_map.feasible(target_db), *ends, radio.grid.cell_size, **motion)
     # where the robot may switch, it may follow: what the front reaches, the map does
     following = np.inf if path is None else path.distance
 
-    return FewestConfigurations(float(target_db), following, candidates.front, candidates.cells)
+    return FewestConfigurations(target_db, following, found.front, found.cells)
 
 
 def cover_codebook(
@@ -119,6 +130,10 @@ def cover_codebook(
     array_model: ArrayModel = "far_field",
     start: Cell | None = None,
     goal: Cell | None = None,
+    *,
+    corner_cutting: bool = True,
+    robot_radius: float = 0.0,
+    collision: Collision = "centre",
 ) -> Codebook:
     """Codebook of ``size`` configurations, chosen among those focused on a free cell so that a best
     path survives.
@@ -143,6 +158,8 @@ def cover_codebook(
         As for `irs_gym.build_radio_map`.
     start, goal
         Cells (i, j); None: those of the scene.
+    corner_cutting, robot_radius, collision
+        The robot that drives, see `irs_gym.Robot`; cells that it can be in are free.
 
     Raises
     ------
@@ -158,17 +175,35 @@ def cover_codebook(
     """
     size = checked_size(size)
     target_db = checked_target(target_db)
-    radio = (cell_size, irs_elements, phase_bits, quantiser, array_model)
-    built = as_scene(scene)
-    candidates = _focused(built, target_db, radio, start, goal)
-    if size > len(candidates.cells):
-        raise ValueError(f"size={size} is more than the {len(candidates.cells)} free cells")
+    robot = Robot(corner_cutting=corner_cutting, robot_radius=robot_radius, collision=collision)
+    radio = RadioModel.of(scene, cell_size, irs_elements, phase_bits, quantiser, array_model)
+    free, motion = robot.room_in(radio.free, radio.grid, radio.scene)
+    ends = ends_of(radio, robot, free, start, goal)
+
+    return cover_of(radio, size, target_db, *ends, free, motion)
+
+
+def cover_of(
+    radio: RadioModel,
+    size: int,
+    target_db: float,
+    start: Cell,
+    goal: Cell,
+    free: NDArray[np.bool_],
+    motion: Motion,
+) -> Codebook:
+    """The codebook of `cover_codebook` for a robot that can be in the free cells ``(X, Y)``, and
+    for its moves.
+    """
+    found = _focused(radio, target_db, start, goal, free, motion)
+    if size > len(found.cells):
+        raise ValueError(f"size={size} is more than the {len(found.cells)} free cells")
 
     # configurations in the order of each path, the best path first
     chosen: list[int] = []
     design = "cover: greedy, as no path takes so few configurations"
-    best = candidates.front.paths[-1]
-    for path in reversed(candidates.front.paths):
+    best = found.front.paths[-1]
+    for path in reversed(found.front.paths):
         used = list(dict.fromkeys([*chosen, *path.configurations.tolist()]))
         if len(used) > size:
             continue
@@ -178,11 +213,11 @@ def cover_codebook(
             design = f"cover: {how} path of {path.distance:.3f} m in {path.switches} switches"
         chosen = used
 
-    covers = (candidates.gain_db >= target_db).reshape(len(candidates.gain_db), -1)
+    covers = (found.gain_db >= target_db).reshape(len(found.gain_db), -1)
     chosen += _greedy_cover(covers, chosen, size - len(chosen))
-    shifts = candidates.codebook.phase_shifts[chosen]
+    shifts = found.codebook.phase_shifts[chosen]
 
-    return Codebook(shifts, candidates.codebook.radio_hash, design)
+    return Codebook(shifts, found.codebook.radio_hash, design)
 
 
 class _Candidates(NamedTuple):
@@ -190,32 +225,46 @@ class _Candidates(NamedTuple):
 
     cells: NDArray[np.int64]  # (K, 2)
     codebook: Codebook
-    gain_db: NDArray[np.float64]  # (K, X, Y)
-    radio_map: RadioMap
-    start: Cell
-    goal: Cell
+    gain_db: NDArray[np.float64]  # (K, X, Y), -inf where the robot cannot be
     front: SwitchFront
 
 
 def _focused(
-    scene: Scene,
+    radio: RadioModel,
     target_db: float,
-    radio: tuple[float, int | None, int | None, Quantiser, ArrayModel],
+    start: Cell,
+    goal: Cell,
+    free: NDArray[np.bool_],
+    motion: Motion,
+) -> _Candidates:
+    hardware = (radio.phase_bits, radio.quantiser, radio.array_model)
+    cell_size = radio.grid.cell_size
+    cells = np.argwhere(free)
+    codebook = focused_codebook(radio.scene, cells, cell_size, radio.irs_elements, *hardware)
+    gain_db = codebook_gain_db(radio.built_scene, codebook, cell_size, None, radio.array_model)
+    gain_db[:, ~free] = -np.inf
+    front = switch_front(gain_db, target_db, start, goal, cell_size, **motion)
+
+    return _Candidates(cells, codebook, gain_db, front)
+
+
+def ends_of(
+    radio: RadioModel,
+    robot: Robot,
+    free: NDArray[np.bool_],
     start: Cell | None,
     goal: Cell | None,
-) -> _Candidates:
-    cell_size, irs_elements, _, _, array_model = radio
-    grid = scene.grid(cell_size)
-    start = grid.cell_of(scene.start) if start is None else as_cell(start, "start")
-    goal = grid.cell_of(scene.goal) if goal is None else as_cell(goal, "goal")
+) -> tuple[Cell, Cell]:
+    """Start and goal as given, else those of the scene; a ``ValueError`` where the robot cannot be
+    there.
+    """
+    grid = radio.grid
+    start = grid.cell_of(radio.scene.start) if start is None else as_cell(start, "start")
+    goal = grid.cell_of(radio.scene.goal) if goal is None else as_cell(goal, "goal")
+    robot.check_cell("start", start, free)
+    robot.check_cell("goal", goal, free)
 
-    radio_map = build_radio_map(scene, *radio)
-    cells = np.argwhere(radio_map.free)
-    codebook = focused_codebook(scene, cells, *radio)
-    gain_db = codebook_gain_db(scene, codebook, cell_size, irs_elements, array_model)
-    front = switch_front(gain_db, target_db, start, goal, cell_size)
-
-    return _Candidates(cells, codebook, gain_db, radio_map, start, goal, front)
+    return start, goal
 
 
 def _greedy_cover(covers: NDArray[np.bool_], chosen: list[int], more: int) -> list[int]:

@@ -433,13 +433,8 @@ def draw_start(starts: Ints, rng: np.random.Generator) -> int:
 
 
 def check_cell(world: World, name: str, cell: Cell) -> None:
-    """Refuse a cell off the map or in an obstacle; the ``ValueError`` names it."""
-    if not world.radio_map.grid.has(cell):
-        raise ValueError(f"{name}={cell} lies off the map of {world.radio_map.grid.shape} cells")
-    if not world.radio_map.free[cell]:
-        radius = world.rules.robot_radius
-        near = f", or nearer than robot_radius={radius} m to one or a wall" if radius else ""
-        raise ValueError(f"{name}={cell} lies in an obstacle{near}")
+    """Refuse a cell off the map or where the robot cannot be; the ``ValueError`` names it."""
+    world.rules.robot.check_cell(name, cell, world.radio_map.free)
 
 
 def tables_for(world: World, start: Cell, goal: Cell, budget: float | None = None) -> Tables:

@@ -1,6 +1,6 @@
 """`Robot`: how wide a robot is, and what its body leaves it of a map."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 from warnings import warn
 
@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from irs_gym.grid import MOVES, Grid, Motion, checked_radius, neighbours
+from irs_gym.grid import MOVES, Cell, Grid, Motion, checked_radius, neighbours
 from irs_gym.memory import freeze
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene
@@ -97,30 +97,48 @@ class Robot:
             Where an obstacle of the scene blocks no cell, nor any move where these are tested: the
             robot would drive through it. It is named.
         """
-        if self.is_point and scene is None:
-            return Fit(radio_map, {"corner_cutting": self.corner_cutting, "passable": None})
+        free, motion = self.room_in(radio_map.free, radio_map.grid, scene)
+        return Fit(replace(radio_map, free=free) if self.robot_radius else radio_map, motion)
 
-        grid = radio_map.grid
+    def room_in(
+        self, free: NDArray[np.bool_], grid: Grid, scene: Scene | None = None
+    ) -> tuple[NDArray[np.bool_], Motion]:
+        """What `fit` leaves the robot of the free cells ``(X, Y)`` of a scene, whatever the gains,
+        and its moves.
+        """
+        if self.is_point and scene is None:
+            return free, {"corner_cutting": self.corner_cutting, "passable": None}
+
         grid.check_memory(_POINT_BYTES, "the robot on a map")
-        solids = solids_of_cells(radio_map.free, grid) if scene is None else solids_of(scene)
+        solids = solids_of_cells(free, grid) if scene is None else solids_of(scene)
 
         # cells, whose centres may be nowhere near an obstacle
         is_near, owners = solids.met_by(centres_of(grid), self.robot_radius)
         if self.robot_radius:
-            free = radio_map.free & ~is_near.reshape(grid.shape)
-            radio_map = RadioMap(radio_map.gain_db, grid=grid, free=free)
+            free = free & ~is_near.reshape(grid.shape)
 
         # moves between them
         passable = None
         if self.collision == "body":
-            passable, by_move = _passable(solids, grid, radio_map.free, self.robot_radius)
+            passable, by_move = _passable(solids, grid, free, self.robot_radius)
             owners = np.union1d(owners, by_move)
 
         missed = "" if scene is None else overlooked(scene, owners)
         if missed:
-            warn(f"{missed}: with collision={self.collision!r}, robots drive through", stacklevel=2)
+            warn(f"{missed}: with collision={self.collision!r}, robots drive through", stacklevel=3)
 
-        return Fit(radio_map, {"corner_cutting": self.corner_cutting, "passable": passable})
+        return free, {"corner_cutting": self.corner_cutting, "passable": passable}
+
+    def check_cell(self, name: str, cell: Cell, free: NDArray[np.bool_]) -> None:
+        """Refuse a cell off the map ``(X, Y)`` or where it cannot be; the ``ValueError`` names
+        it.
+        """
+        if not (0 <= cell[0] < free.shape[0] and 0 <= cell[1] < free.shape[1]):
+            raise ValueError(f"{name}={cell} lies off the map of {free.shape} cells")
+        if not free[cell]:
+            radius = self.robot_radius
+            near = f", or nearer than robot_radius={radius} m to one or a wall" if radius else ""
+            raise ValueError(f"{name}={cell} lies in an obstacle{near}")
 
 
 PAPER_ROBOT = Robot()

@@ -90,6 +90,15 @@ class Rules:
 
         self._check_budget()
 
+    @classmethod
+    def of(cls, task: Any) -> "Rules":
+        """Those that a task asks for; what is none of its fields is as in `Task` by default."""
+        names = [each.name for each in fields(cls)]
+        own: dict[str, Any] = {
+            name: getattr(task, name, getattr(Task, name, None)) for name in names
+        }
+        return cls(**own)
+
     @cached_property
     def robot(self) -> Robot:
         """How wide it is, and how it moves."""
@@ -232,7 +241,7 @@ class Task:
     @cached_property
     def rules(self) -> Rules:
         """The part that is the robot's."""
-        return Rules(**{each.name: getattr(self, each.name) for each in fields(Rules)})
+        return Rules.of(self)
 
     def _check_foreign_map(self) -> None:
         _given_end("start", self.start)

@@ -147,6 +147,9 @@ def joint_shortest_path(
     if not (pairs[first, *divmod(source, pairs.shape[2])] and np.isfinite(through[source])):
         raise ValueError(joint_infeasible(gain_db, start, goal, target_db, first, **motion))
 
+    if not corner_cutting:  # a diagonal asks for cells beside it, whether they are kept or not
+        motion = {"passable": legal_moves(pairs, **motion)}  # (K, X, Y, 8)
+
     # Most searches end within a little more than the shortest way, and then leave out all cells
     # farther off. What they find is the best if it is no longer than that.
     limit = through[source] * _FIRST_LIMIT + 2 * half_switch

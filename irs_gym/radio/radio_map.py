@@ -283,6 +283,13 @@ class RadioModel:
         """The cells; a ``ValueError`` where their size does not divide the room."""
         return self.scene.grid(self.cell_size)
 
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Cells whose centre no obstacle covers, ``(X, Y)``."""
+        grid = self.grid
+        is_covered = self.scene.floor.is_covered(grid.centres().reshape(-1, 2))  # (X * Y,)
+        return ~is_covered.reshape(grid.shape)
+
 
 def build_radio_map(
     scene: Scene | str | Path = "paper",

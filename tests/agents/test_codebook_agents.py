@@ -11,7 +11,7 @@ from tiny import call
 
 from agents.networks.sign_extractor import SCALES, SignExtractor
 from agents.policies.codebook_heuristics import CODEBOOK_REFERENCES
-from agents.rollout.episode import evaluation_env, roll_out
+from agents.rollout.episode import evaluation_env, roll_out, scene_task_of
 from agents.runs.problem import problem_of
 from agents.runs.run_folder import Run, RunError
 from agents.vec_env import IrsNavVecEnv
@@ -65,6 +65,37 @@ def test_who_never_switches_stays_in_the_first_configuration():
     assert not len(found.switch_cells)
 
 
+@pytest.mark.parametrize("collision", ["centre", "body"])
+def test_references_know_what_the_body_of_a_robot_can_do(collision):
+    robot = {"corner_cutting": False, "robot_radius": 0.2, "collision": collision}
+    ends = {"start": (1, 20), "goal": (38, 20)}
+    env = make(**robot, **ends)
+    episode = roll_out(CODEBOOK_REFERENCES["oracle"](env, 0), env)
+    assert episode.is_optimal
+    assert episode.distance > make(**ends).unwrapped.oracle.distance
+
+    greedy = played("greedy_gain", switch_cost=0.25, **robot, **ends)
+    free = make(switch_cost=0.0, **robot, **ends).unwrapped
+    assert greedy.is_success
+    assert greedy.refused == 0
+    metres = greedy.distance - 0.25 * len(greedy.switch_cells)
+    assert metres == pytest.approx(free.oracle.distance, abs=1e-9)
+
+    alone = played("never_switch", target_db=-63.5, **robot, **ends)
+    assert alone.is_success
+    assert alone.refused == 0
+
+
+def test_problems_tell_robots_apart_and_old_ones_are_the_papers():
+    old = {"codebook": ["dft", 4], "switch_cost": 0.5, "target_db": -65.0}  # of a run folder
+    usual = problem_of(scene_task_of(old))
+    assert usual == problem_of(CodebookTask(codebook=("dft", 4), target_db=-65.0))
+    assert usual.label == "-65.0 dB, continuous, codebook dft 4, 0.5 m a switch"
+    robots = [{"corner_cutting": False}, {"robot_radius": 0.2}, {"collision": "body"}]
+    labels = {problem_of(scene_task_of({**old, **robot})).label for robot in robots}
+    assert len({usual.label, *labels}) == 4
+
+
 def test_masked_random_is_never_refused_and_takes_every_open_action():
     env = make()
     policy = CODEBOOK_REFERENCES["masked_random"](env, 0)
@@ -116,6 +147,8 @@ def test_with_a_codebook_the_command_line_is_that_of_its_environment(tmp_path):
     assert tuned == ("masked", 2_400_000)  # for it
     assert config.agent.signs
     FEW.save(tmp_path / "few.npz")
+    wide = parse("ppo", split("--env.codebook dft 8 --env.robot-radius 0.2 --env.collision body"))
+    assert (wide.env.robot_radius, record_of(wide).env["collision"]) == (0.2, "body")
     named = parse("dqn", split(f"--env.codebook {tmp_path / 'few.npz'}"))
     assert named.env.codebook == str(tmp_path / "few.npz")
     assert record_of(config).env["target_db"] == -63.0

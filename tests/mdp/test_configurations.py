@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from irs_gym import (
+    Robot,
     build_radio_map,
     codebook_gain_db,
     cover_codebook,
@@ -122,6 +123,47 @@ def test_the_greedy_part_serves_the_most_of_what_is_served_least():
         assert (
             np.count_nonzero(own[n] & least) == np.count_nonzero(covers & least, axis=(1, 2)).max()
         )
+
+
+ROBOTS = [
+    {"corner_cutting": False},
+    {"robot_radius": 0.9},
+    {"collision": "body", "robot_radius": 0.6, "corner_cutting": False},
+]
+
+
+@pytest.mark.parametrize("asked", ROBOTS, ids=str)
+def test_a_robot_has_its_own_front_and_its_own_cover(asked):
+    target_db, ends = -60.5, ((2, 10), (17, 10))
+    arguments = {"cell_size": 1.0, "start": ends[0], "goal": ends[1], **asked}
+    found = fewest_configurations("paper", target_db, **arguments)
+    fit = Robot(**asked).fit(build_radio_map("paper", 1.0), load_scene("paper"))
+    free = fit.radio_map.free
+    assert np.array_equal(found.cells, np.argwhere(free))
+    feasible = fit.radio_map.feasible(target_db)
+    assert found.following == shortest_path(feasible, *ends, 1.0, **fit.motion).distance
+
+    def front_of(codebook):
+        gain_db = np.where(free, codebook_gain_db("paper", codebook, 1.0), -np.inf)
+        return switch_front(gain_db, target_db, *ends, 1.0, **fit.motion)
+
+    front = front_of(focused_codebook("paper", found.cells, 1.0))
+    assert found.front.distances.tolist() == front.distances.tolist()
+    assert found.front.switches.tolist() == front.switches.tolist()
+    own = front_of(cover_codebook("paper", 16, target_db, **arguments))
+    assert own.distances.tolist() == front.distances.tolist()
+    assert own.switches.tolist() == front.switches.tolist()
+
+
+def test_an_end_where_the_robot_cannot_be_is_refused_by_name():
+    for work in (
+        fewest_configurations,
+        lambda *args, **kwargs: cover_codebook("paper", 4, -61.0, **kwargs),
+    ):
+        with pytest.raises(ValueError, match=r"start=\(0, 10\) .*robot_radius=0.6 m"):
+            work("paper", -61.0, cell_size=1.0, robot_radius=0.6)
+        with pytest.raises(ValueError, match="collision='bodies' must be one of"):
+            work("paper", -61.0, cell_size=1.0, collision="bodies")
 
 
 def test_no_configuration_of_a_cover_is_chosen_twice():

@@ -18,6 +18,7 @@ from irs_gym import (
     RadioMap,
     Robot,
     build_radio_map,
+    cost_map,
     distance_to_go,
     generate_scene,
     load_scene,
@@ -294,6 +295,15 @@ def test_generated_scenes_can_be_solved_by_the_robot_they_are_drawn_for(robot):
 def test_a_start_too_near_to_a_wall_is_named_with_the_radius():
     with pytest.raises(ValueError, match=r"start=\(0, 20\) .* nearer than robot_radius=0.3 m"):
         gymnasium.make("irs_gym:IrsNav-v0", robot_radius=0.3)
+
+
+def test_outages_are_paid_for_by_a_robot_with_a_radius_too():
+    radio_map = build_radio_map("paper")
+    fit = Robot(robot_radius=0.2).fit(radio_map, PAPER)
+    costs = cost_map(fit.radio_map, -61.8, "outage")
+    free = fit.radio_map.free
+    assert (costs[free] == cost_map(radio_map, -61.8, "outage")[free]).all()
+    assert np.isinf(costs[~free]).all()
 
 
 def test_another_robot_is_another_task_for_saved_states_and_for_problems():

@@ -179,6 +179,10 @@ def _check_sizes(settings: Any) -> None:
 
 def _check_fit(network: nn.Module, weights: Mapping[str, Tensor]) -> None:
     """Refuse weights that are not the network's own, all of them and finite."""
+    former = getattr(network, "former_weights", {})
+    for name in sorted({*former} & {*weights}):
+        raise ValueError(former[name])
+
     wanted = {name: (each.shape, each.dtype) for name, each in network.state_dict().items()}
     found = {name: (each.shape, each.dtype) for name, each in weights.items()}
     wrong = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))

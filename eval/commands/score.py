@@ -78,7 +78,8 @@ def main(
     ----------
     runs
         Run folders; for unseen scenes also pretrained models (planner, explorer ...), their files,
-        and reference policies (oracle, replanning, untrained_explorer, greedy, greedy_margin).
+        and reference policies (oracle, untrained_planner, replanning, untrained_explorer, greedy,
+        greedy_margin).
     model
         Whether the best or the last state of the agent is scored.
     episodes

@@ -17,10 +17,11 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from agents.learning.local_configs import ExplorerConfig
-from agents.learning.map_configs import network_settings
+from agents.learning.map_configs import PlannerConfig, network_settings
 from agents.learning.map_learner import first_network
 from agents.policies.explorer_policy import Explorer
 from agents.policies.heuristics import RULES
+from agents.policies.map_policy import MapPolicy
 from agents.policies.model_file import read_network
 from agents.policies.replanning import Replanner
 from agents.registry import ALGORITHMS, Track, generalists, observation_of
@@ -41,7 +42,14 @@ from irs_gym.radio.scene import load_scene, load_scenes
 HARD = 1.2  # a detour (oracle's distance over octile distance) above which a scene is hard
 PAPER_TARGETS_DB = (-63.0, -62.0, -61.8, -61.0, -60.0)
 # the same in every episode
-UNSEEN_REFERENCES = ("oracle", "replanning", "untrained_explorer", "greedy", "greedy_margin")
+UNSEEN_REFERENCES = (
+    "oracle",
+    "untrained_planner",
+    "replanning",
+    "untrained_explorer",
+    "greedy",
+    "greedy_margin",
+)
 
 
 @dataclass(frozen=True)
@@ -106,9 +114,13 @@ def player_of(run: Run, model: str = "best") -> Player:
 
 def reference(name: str) -> Player:
     """One of `UNSEEN_REFERENCES`."""
-    planners = {"replanning": replan, "untrained_explorer": explore_untrained}
+    planners = {
+        "replanning": replan,
+        "untrained_explorer": explore_untrained,
+        "untrained_planner": plan_untrained,
+    }
     play = planners.get(name) or partial(apply, name)
-    return Player(name, play, "map" if name == "oracle" else "local")
+    return Player(name, play, "map" if name in ("oracle", "untrained_planner") else "local")
 
 
 def run_or_player(name: str) -> Run | Player:
@@ -149,6 +161,14 @@ def explore_untrained(pool: SceneSet) -> SceneSetResults:
     config = ExplorerConfig()
     torch.manual_seed(0)
     return play_scene_set(Explorer(network_settings(config), first_network(config)), pool)
+
+
+def plan_untrained(pool: SceneSet) -> SceneSetResults:
+    """Episodes of a planning network that has learned nothing: to it, all moves cost the same."""
+    config = PlannerConfig()
+    return play_scene_set(
+        MapPolicy("planner", network_settings(config), first_network(config)), pool
+    )
 
 
 def apply(name: str, pool: SceneSet) -> SceneSetResults:

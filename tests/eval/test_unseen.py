@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from evaluating import call
+from scipy.sparse.csgraph import dijkstra
 from tiny_pool import tiny_pool
 
 from agents.learning.map_configs import PlannerConfig
@@ -14,10 +15,11 @@ from agents.rollout.episode import evaluation_env, roll_out
 from agents.rollout.scene_set import SceneSetResults
 from agents.runs.manifest import Config
 from agents.runs.run_folder import Run
-from eval.unseen.scores import detours, paper_scene_set, scene_sets_of, score_of
+from eval.unseen.scores import detours, paper_scene_set, reference, scene_sets_of, score_of
 from irs_gym import load_scene
-from irs_gym.grid import octile_distance
+from irs_gym.grid import flat_cells, octile_distance
 from irs_gym.mdp.task import Task
+from irs_gym.oracle.shortest_path import graph_of
 
 
 @pytest.fixture
@@ -60,6 +62,18 @@ def test_detour_is_the_oracles_distance_over_the_octile_distance():
     straight = octile_distance(np.array([39, 0])) * 0.5
     assert detours(pool) == pytest.approx(pool.oracle_distance / straight)
     assert pool.oracle_distance == pytest.approx([21.571, 21.571, 23.228, 25.642, 25.642], abs=1e-3)
+
+
+def test_untrained_planner_reaches_every_goal_in_the_fewest_moves_but_not_metres():
+    pool = tiny_pool(30, (14, 11), seed=7)
+    found = reference("untrained_planner").episodes(pool)
+    assert found.is_success.all()
+    assert 0.9 < found.spl.mean() < 0.99
+    for n, actions in enumerate(found.actions):
+        graph = graph_of(pool.feasible[n])
+        start, goal = flat_cells(np.stack([pool.start[n], pool.goal[n]]), pool.shape)
+        fewest = dijkstra(graph, unweighted=True, indices=start)[goal]
+        assert (actions >= 0).sum() == fewest
 
 
 def test_scores_on_scene_files_are_those_of_playing_each_in_the_environment(

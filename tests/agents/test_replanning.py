@@ -134,10 +134,10 @@ def test_a_new_episode_forgets_what_was_seen():
     for _ in range(5):
         action, state = policy.predict(observation, state, np.array([False]))
         observation = env.step(int(action))[0]
-    assert not state[0].is_open.all()
+    assert not state.is_open[0].all()
     observation, _ = env.reset()
-    assert policy.predict(observation, state, np.array([True]))[1][0].is_open.all()
-    assert not policy.predict(observation, state, np.array([False]))[1][0].is_open.all()
+    assert policy.predict(observation, state, np.array([True]))[1].is_open[0].all()
+    assert not policy.predict(observation, state, np.array([False]))[1].is_open[0].all()
 
 
 def test_it_is_one_of_the_references():

@@ -93,7 +93,7 @@ def _search(
     is_near = from_start + least <= longest + _ROUNDING
 
     # Moves into closed cells are none, nor are those past them without corner cutting.
-    graph = _graph_of(shape)
+    graph = move_graph(shape)
     lengths = graph.edges.data.copy()  # (8 * cells,)
     lengths[graph.into.take(np.flatnonzero(~(is_open[window] & is_near)), axis=0)] = inf
     if not corner_cutting:
@@ -117,7 +117,7 @@ def _search(
     path = np.array(_follow(taken, edges.indices, first, last))  # (D,), edges
     moves = path % 8
     cells = _on_map(path // 8, window, is_open.shape)
-    watched = [goal[0] * is_open.shape[1] + goal[1]]
+    watched = np.array([goal[0] * is_open.shape[1] + goal[1]])
     if not corner_cutting:
         is_diagonal = moves % 2 == 1
         steps = flat_cells(MOVES, is_open.shape)
@@ -129,7 +129,7 @@ def _search(
     known = np.minimum(to_go.reshape(shape), longest - from_start)
     bounds[window] = np.maximum(least, known)
 
-    return PathPlan(cells, moves, np.asarray(watched), bounds)
+    return PathPlan(cells, moves, watched, bounds)
 
 
 def _follow(taken: Ints, ahead: Ints, first: int, last: int) -> list[int]:
@@ -137,8 +137,8 @@ def _follow(taken: Ints, ahead: Ints, first: int, last: int) -> list[int]:
     cell.
     """
     # one by one, Python's own numbers are faster than NumPy's
-    edge_of = memoryview(taken)
-    cell_of = memoryview(ahead)
+    edge_of = taken.data
+    cell_of = ahead.data
     path = [edge_of[first]]
     while (cell := cell_of[path[-1]]) != last:
         path.append(edge_of[cell])
@@ -182,7 +182,7 @@ def _on_map(cells: Ints, window: tuple[slice, slice], shape: tuple[int, int]) ->
     """Flat cells of a window as those of the map."""
     across, along = window
     column, row = np.divmod(cells, along.stop - along.start)
-    return (column + across.start) * shape[1] + row + along.start
+    return np.asarray((column + across.start) * shape[1] + row + along.start)
 
 
 def _octile_to(cell: Cell, shape: tuple[int, int]) -> Floats:
@@ -198,7 +198,7 @@ def _octile_table(shape: tuple[int, int]) -> Floats:
     return frozen(octile_distance(np.moveaxis(apart, 0, -1)))
 
 
-class _MoveGraph(NamedTuple):
+class MoveGraph(NamedTuple):
     """All moves over a map of X * Y open cells: edge 8 n + m is move m out of cell n.
 
     A move off the map is infinitely long, and leads back to where it begins.
@@ -210,7 +210,8 @@ class _MoveGraph(NamedTuple):
 
 
 @lru_cache(maxsize=128)
-def _graph_of(shape: tuple[int, int]) -> _MoveGraph:
+def move_graph(shape: tuple[int, int]) -> MoveGraph:
+    """The graph of a map of that shape."""
     check_memory(f"a map of {shape} cells: the graph of its moves", float(_BYTES * prod(shape)))
     cells = np.arange(prod(shape))[:, None]  # (X * Y, 1)
     moves = np.arange(8)
@@ -232,7 +233,7 @@ def _graph_of(shape: tuple[int, int]) -> _MoveGraph:
     index = np.dtype(np.int32 if out.size < 2**31 else np.int64)
     rows = np.arange(0, out.size + 1, 8, dtype=index)
     arrays = (lengths.ravel(), ahead.ravel().astype(index), rows)
-    graph = _MoveGraph(csr_array(arrays, shape=(cells.size,) * 2), into, np.concatenate(past, 1))
+    graph = MoveGraph(csr_array(arrays, shape=(cells.size,) * 2), into, np.concatenate(past, 1))
     freeze(*arrays, graph.into, graph.past)
 
     return graph

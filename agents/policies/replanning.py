@@ -161,9 +161,7 @@ class Replanner:
         moves = np.full((robots, self.shape[0] * self.shape[1]), _OFF_PATH)
         nowhere = np.full(robots, -1)
 
-        return ReplannerState(
-            floor, self._border, moves, [None] * robots, nowhere, nowhere
-        )
+        return ReplannerState(floor, self._border, moves, [None] * robots, nowhere, nowhere)
 
     def _forget(self, old: ReplannerState, robots: Bools) -> ReplannerState:
         """Nothing known by these robots."""
@@ -214,7 +212,7 @@ class Replanner:
     def _view(self) -> Ints:
         """From the origin to each place in view."""
         if self.radius is None:
-            cells = np.stack(np.indices(self.shape), axis=-1)
+            cells = np.moveaxis(np.indices(self.shape, dtype=np.int64), 0, -1)
             return flat_cells(cells, self._frame).ravel() + self._corner
 
         side = np.arange(-self.radius, self.radius + 1)

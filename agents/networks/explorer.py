@@ -94,7 +94,7 @@ class ExplorerNetwork(nn.Module):
         is_feasible = is_known & (margin >= 0)
         is_blocked = is_known & (margin < 0)
         nowhere = torch.zeros_like(is_known).flatten(1)  # (B, X * Y)
-        is_goal = nowhere.scatter_(1, goals[:, None], True).view_as(is_known)
+        is_goal = nowhere.scatter_(1, goals[:, None], 1).view_as(is_known)
 
         # What the network sees; the ones tell the map from the padding around it.
         planes = torch.stack(

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from agents.networks.map_network import TIE, pack_network
 from agents.policies.belief_map import BeliefMap
+from agents.policies.traced_prices import traced_prices
 from irs_gym.grid import cells_at
 from irs_gym.mdp.packing import SETTINGS, DecodedObservation, Packing
 
@@ -105,15 +106,16 @@ class Explorer:
         self, margin: NDArray[np.float32], goals: Ints, settings: NDArray[np.float32]
     ) -> NDArray[np.uint8]:
         network: Any = self.network.eval()
-        given = [
+        margins, to, irs = (
             torch.from_numpy(np.ascontiguousarray(each))
             for each in (margin, goals, settings.astype(np.float32, copy=False))
-        ]
+        )
         with torch.inference_mode():
             # In a batch, the last digits of convolutions depend on how large that is: prices are
             # asked for one by one. Sums and minima of the plan are the same in any batch.
             prices = [
-                network.prices(*(each[n : n + 1] for each in given)) for n in range(len(goals))
+                traced_prices(network, (margins[n : n + 1], to[n : n + 1], irs[n : n + 1]))
+                for n in range(len(goals))
             ]
             cost = torch.cat([each.cost for each in prices])  # (n, X, Y)
             is_goal = torch.cat([each.is_goal for each in prices])

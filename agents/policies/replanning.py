@@ -3,28 +3,57 @@ a patch.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.grid import MOVE_LENGTHS, MOVES, cells_at, legal_moves, neighbours
+from agents.policies.path_plan import PathPlan, plan_path
+from irs_gym.grid import MOVES, flat_cells
 from irs_gym.mdp.packing import Packing
-from irs_gym.oracle.shortest_path import distance_to_go
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+Moves = NDArray[np.int8]
+
+_OFF_PATH = np.int8(-1)
+_WATCHED = np.int8(-2)  # no cell of the path, but one that it depends on
 
 
 @dataclass(frozen=True, eq=False)
 class ReplannerState:
-    """What a robot knows since its reset, and what it is about to do."""
+    """What n robots know since their reset, and what they are about to do.
 
-    is_open: Bools  # (X, Y): not seen to be obstructed or below the target; the unknown is open
-    goal: int  # flat
-    moves: Ints  # (X * Y,): the first move of a shortest path over open cells
-    last: int  # flat cell that the robot was in at the last step
+    Attributes
+    ----------
+    floor
+        Bool, shape ``(n, X + 2b, Y + 2b)``: cells that were not seen to be obstructed or below the
+        target. The unknown is open; the border of b cells around the map is closed.
+    border
+        b.
+    moves
+        int8, shape ``(n, X * Y)``: the moves in the cells of their paths, less than 0 in others:
+        -2 in those that the paths depend on, -1 in the rest.
+    bounds
+        Of the latest plan of each, see `agents.policies.path_plan.PathPlan`; None before it.
+    cells, goals
+        Flat cells ``(n,)``: where they were at the last step, and where they go.
+    """
+
+    floor: Bools
+    border: int
+    moves: Moves
+    bounds: Sequence[NDArray[np.float64] | None]
+    cells: Ints
+    goals: Ints
+
+    @property
+    def is_open(self) -> Bools:
+        """The floor without its border, ``(n, X, Y)``: a view."""
+        inner = slice(self.border, -self.border)
+        return self.floor[:, inner, inner]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +65,11 @@ class Replanner:
     are scaled to, and the patch's radius. What it has seen since the start of the episode is its
     state. Where it sees its neighbours, none of its moves is refused; with a radius of 0 it learns
     from a refusal, as it stays where it is. Of moves equally good it takes the first.
+
+    A path is followed until a cell that it needs turns out to be closed. Until then it is what a
+    plan made anew would give: as cells only close, distances to go only rise, those along the path
+    stay as they are, and so the first of the best moves in its cells is still the first of the
+    best.
     """
 
     shape: tuple[int, int]  # (X, Y)
@@ -45,70 +79,142 @@ class Replanner:
     def predict(
         self,
         observation: Any,
-        state: Sequence[ReplannerState] | None = None,
+        state: ReplannerState | None = None,
         episode_start: Any = None,
         deterministic: bool = False,
-    ) -> tuple[Ints, tuple[ReplannerState, ...]]:
+    ) -> tuple[Ints, ReplannerState]:
         """Actions for one observation or a batch, and what was seen so far; see
         `agents.policies.policy.Policy`.
 
         Without ``state``, or where ``episode_start``, it knows nothing but what it sees.
         """
         decoded = Packing.of(observation, self.shape, self.radius).decode(observation)
-        robots = decoded.cell.ravel()  # (n,)
+        views = (decoded.margin >= 0.0).reshape(decoded.cell.size, -1)  # (n, cells in view)
+        cells = decoded.cell.ravel()  # (n,)
         goals = decoded.goal.ravel()  # (n,)
-        feasible = decoded.margin >= 0.0  # (..., 2r+1, 2r+1), or the whole map
-        views = feasible.reshape(len(robots), *feasible.shape[-2:])
 
-        olds: Sequence[ReplannerState | None] = [None] * len(robots) if state is None else state
-        if episode_start is not None:
-            olds = [
-                None if begins else old
-                for old, begins in zip(olds, np.ravel(episode_start), strict=True)
-            ]
+        old = self._blank(len(cells)) if state is None else state
+        if episode_start is not None and np.any(episode_start):
+            old = self._forget(old, np.ravel(episode_start).astype(bool))
 
-        each = zip(olds, robots.tolist(), goals.tolist(), views, strict=True)
-        memories = tuple(self._look(old, robot, goal, view) for old, robot, goal, view in each)
-        actions = [memory.moves[memory.last] for memory in memories]
+        # What turns out to be closed, and whose paths depend on it.
+        robots = np.arange(len(cells))
+        needs_path = goals != old.goals  # (n,)
+        floor = old.floor
+        places = self._closed(old, cells, views)
+        if len(places):
+            floor = floor.copy()
+            floor.reshape(-1)[places] = False
+            robot, i, j = np.unravel_index(places, floor.shape)
+            on_map = (i - self._border) * self.shape[1] + j - self._border
+            needs_path[robot[old.moves[robot, on_map] != _OFF_PATH]] = True
 
-        return np.array(actions).reshape(decoded.cell.shape), memories
+        # A path holds until then, or until the robot is elsewhere.
+        moves = old.moves
+        bounds = old.bounds
+        actions = moves[robots, cells]  # (n,)
+        needs_path |= actions < 0
+        if needs_path.any():
+            moves = moves.copy()
+            bounds = list(bounds)
 
-    def _look(
-        self, old: ReplannerState | None, robot: int, goal: int, view: Bools
-    ) -> ReplannerState:
-        """What the robot knows now, with a new plan where that differs from what it hoped for."""
-        is_open = np.ones(self.shape, dtype=bool) if old is None else old.is_open.copy()
-        i, j = cells_at(np.array(robot), self.shape).tolist()
-        if self.radius is None:
-            is_open &= view
-        else:
-            columns, seen_columns = _overlap(i, self.radius, self.shape[0])
-            rows, seen_rows = _overlap(j, self.radius, self.shape[1])
-            is_open[columns, rows] &= view[seen_columns, seen_rows]
+            for n in np.flatnonzero(needs_path).tolist():
+                known = bounds[n] if goals[n] == old.goals[n] else None
+                plan = self._plan(floor[n], int(cells[n]), int(goals[n]), known)
+                moves[n] = _OFF_PATH
+                moves[n, plan.watched] = _WATCHED
+                moves[n, plan.cells] = plan.moves
+                bounds[n] = plan.bounds
+
+            actions = moves[robots, cells]
+
+        new = ReplannerState(floor, self._border, moves, bounds, cells, goals)
+        return actions.astype(np.int64).reshape(decoded.cell.shape), new
+
+    def _plan(
+        self, floor: Bools, cell: int, goal: int, bounds: NDArray[np.float64] | None
+    ) -> PathPlan:
+        inner = slice(self._border, -self._border)
+        start = divmod(cell, self.shape[1])
+        end = divmod(goal, self.shape[1])
+        return plan_path(floor[inner, inner], start, end, self.corner_cutting, bounds)
+
+    def _closed(self, old: ReplannerState, cells: Ints, views: Bools) -> Ints:
+        """Places in the array of floors that turn out to be closed."""
+        origins = self._origins(cells)  # (n,)
+        places = origins[:, None] + self._view  # (n, cells in view)
+        closed = places[old.floor.take(places) > views]
+        if self.radius != 0:
+            return closed
 
         # Without its neighbours in view, it did not see that its move would be refused.
-        if self.radius == 0 and old is not None and old.last == robot:
-            is_open[tuple(np.add((i, j), MOVES[old.moves[robot]]))] = False
+        still = np.flatnonzero(cells == old.cells)
+        ahead = origins[still] + self._steps[old.moves[still, cells[still]]]
 
-        if old is not None and old.goal == goal and (is_open == old.is_open).all():
-            return replace(old, last=robot)
+        return np.concatenate([closed, ahead[old.floor.take(ahead)]])
 
-        return ReplannerState(is_open, goal, self._plan(is_open, goal), robot)
+    def _blank(self, robots: int) -> ReplannerState:
+        """What robots know that have seen nothing."""
+        floor = np.zeros((robots, *self._frame), dtype=bool)
+        inner = slice(self._border, -self._border)
+        floor[:, inner, inner] = True
+        moves = np.full((robots, self.shape[0] * self.shape[1]), _OFF_PATH)
+        nowhere = np.full(robots, -1)
 
-    def _plan(self, is_open: Bools, goal: int) -> Ints:
-        """First moves of the shortest paths over open cells, shape ``(X * Y,)``."""
-        i, j = cells_at(np.array(goal), self.shape).tolist()
-        to_go = distance_to_go(is_open, (i, j), 1.0, corner_cutting=self.corner_cutting)
+        return ReplannerState(floor, self._border, moves, [None] * robots, nowhere, nowhere)
 
-        # Of each move from each cell, (X, Y, 8).
-        is_legal = legal_moves(is_open, self.corner_cutting)
-        length = np.where(is_legal, MOVE_LENGTHS + neighbours(to_go, np.inf), np.inf)
+    def _forget(self, old: ReplannerState, robots: Bools) -> ReplannerState:
+        """Nothing known by these robots."""
+        blank = self._blank(1)
+        return ReplannerState(
+            np.where(robots[:, None, None], blank.floor, old.floor),
+            self._border,
+            np.where(robots[:, None], blank.moves, old.moves),
+            [None if begins else each for begins, each in zip(robots, old.bounds, strict=True)],
+            np.where(robots, blank.cells, old.cells),
+            np.where(robots, blank.goals, old.goals),
+        )
 
-        return np.asarray(length.argmin(axis=-1).ravel())
+    # --- places: cells of all floors, each with its border, one behind the other ------------------
 
+    def _origins(self, cells: Ints) -> Ints:
+        """The places of robots in flat cells ``(n,)``, or of their floors where those are seen
+        whole.
+        """
+        columns, rows = self._frame
+        first = np.arange(len(cells)) * (columns * rows)
+        if self.radius is None:
+            return first
 
-def _overlap(at: int, radius: int, size: int) -> tuple[slice, slice]:
-    """Along one axis, the cells of a map that a patch shows, and where it shows them."""
-    first = max(at - radius, 0)
-    end = min(at + radius + 1, size)
-    return slice(first, end), slice(first - at + radius, end - at + radius)
+        return first + cells + cells // self.shape[1] * (2 * self._border) + self._corner
+
+    @cached_property
+    def _border(self) -> int:
+        """As many cells as are in view: no view, and no move, leads beyond it."""
+        return max(self.radius or 0, 1)
+
+    @cached_property
+    def _frame(self) -> tuple[int, int]:
+        """Cells of a floor along x and y."""
+        return self.shape[0] + 2 * self._border, self.shape[1] + 2 * self._border
+
+    @cached_property
+    def _corner(self) -> int:
+        """The place of the first cell of the map."""
+        return self._border * (self._frame[1] + 1)
+
+    @cached_property
+    def _steps(self) -> Ints:
+        """How many places each move leads on, ``(8,)``."""
+        return flat_cells(MOVES, self._frame)
+
+    @cached_property
+    def _view(self) -> Ints:
+        """From the origin to each place in view."""
+        if self.radius is None:
+            cells = np.moveaxis(np.indices(self.shape, dtype=np.int64), 0, -1)
+            return flat_cells(cells, self._frame).ravel() + self._corner
+
+        side = np.arange(-self.radius, self.radius + 1)
+        window = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
+        return flat_cells(window, self._frame).ravel()

@@ -26,6 +26,7 @@ from eval.benchmark.benchmark_envs import (
     vector,
 )
 from eval.benchmark.costs import EventCost
+from eval.benchmark.local_policies import ANEW, REPLANNING, planners
 from eval.benchmark.page import speed_page, tables
 from eval.benchmark.timing import Rates, time_in_turns
 from irs_gym.files import write_file
@@ -36,6 +37,8 @@ RACES: dict[str, BenchmarkEnvs] = {
     "one environment": SINGLE,
     "1,024 environments": vector(1024),
     "64 environments": vector(64),
+    "a policy in one environment": planners(1),
+    "a policy in 64 environments": planners(64),
 }
 # race, ours, contender, how many times its speed we say we reach
 RATIOS = (
@@ -47,6 +50,7 @@ RATIOS = (
     ("64 environments", OURS, "CartPole-v1", 2.5),
     ("one environment", CONTINUOUS, PENDULUM, 1.0),
     ("1,024 environments", CONTINUOUS, SYNC_PENDULUM, 20.0),
+    ("a policy in 64 environments", REPLANNING, ANEW, 5.0),
 )
 # race, ours, how many steps a second we say it makes
 LEAST_RATES = (("1,024 environments", CONTINUOUS, 1e6),)

@@ -9,8 +9,14 @@ import pytest
 from tiny_pool import tiny_pool
 
 from agents.policies.heuristics import REFERENCE_POLICIES, oracle, replanning
+from agents.policies.path_plan import plan_path
+from agents.policies.replanning import Replanner
 from agents.rollout.episode import roll_out
+from agents.rollout.scene_set import roll_out_scene_set
+from eval.benchmark.local_policies import PlansAnew
 from irs_gym import RadioMap
+from irs_gym.datasets.scene_set import scene_set_of
+from irs_gym.datasets.splits import FAMILIES, scene_of
 from irs_gym.grid import MOVE_LENGTHS, MOVES
 
 ID, RANDOM_ID = "irs_gym:IrsNav-v0", "irs_gym:IrsNavRandom-v0"
@@ -134,12 +140,87 @@ def test_a_new_episode_forgets_what_was_seen():
     for _ in range(5):
         action, state = policy.predict(observation, state, np.array([False]))
         observation = env.step(int(action))[0]
-    assert not state[0].is_open.all()
+    assert not state.is_open[0].all()
     observation, _ = env.reset()
-    assert policy.predict(observation, state, np.array([True]))[1][0].is_open.all()
-    assert not policy.predict(observation, state, np.array([False]))[1][0].is_open.all()
+    assert policy.predict(observation, state, np.array([True]))[1].is_open[0].all()
+    assert not policy.predict(observation, state, np.array([False]))[1].is_open[0].all()
 
 
 def test_it_is_one_of_the_references():
     env = gymnasium.make(ID)
     assert roll_out(REFERENCE_POLICIES["replanning"](env, 0), env).is_success
+
+
+# Kinds of factories of every sort; in mazes, spirals and zigzags paths are cut at every third step.
+KINDS = ("test", "ood-clutter", "ood-irs", "ood-rooms", *(f"ood-{name}" for name in FAMILIES))
+FACTORIES = scene_set_of([scene_of(kind, 0) for kind in KINDS])
+
+
+@pytest.mark.parametrize("corner_cutting", [True, False])
+def test_a_path_that_is_followed_is_the_one_that_planning_anew_would_give(corner_cutting):
+    shape = FACTORIES.shape
+    followed = roll_out_scene_set(Replanner(shape, 5, corner_cutting), FACTORIES, "flat", 200)
+    anew = roll_out_scene_set(PlansAnew(shape, 5, corner_cutting), FACTORIES, "flat", 200)
+    np.testing.assert_array_equal(followed.actions, anew.actions)
+    assert followed.is_success.mean() > 0.8
+
+
+@pytest.mark.parametrize("radius", [0, 1, 3])
+@pytest.mark.parametrize("corner_cutting", [True, False])
+def test_that_holds_for_a_robot_alone_and_whatever_it_sees(radius, corner_cutting):
+    env = gymnasium.make_vec(
+        RANDOM_ID, num_envs=1, scenes=POOL, observation="flat", patch_radius=radius
+    )
+    policies = [each(POOL.shape, radius, corner_cutting) for each in (Replanner, PlansAnew)]
+    states, begins = [None, None], np.ones(1, dtype=bool)
+    observation, _ = env.reset(seed=3)
+    for _ in range(150):
+        both = [p.predict(observation, s, begins) for p, s in zip(policies, states, strict=True)]
+        (ours, expected), states = zip(*both, strict=True)
+        assert ours.tolist() == expected.tolist()
+        observation, _, terminated, truncated, _ = env.step(ours)
+        begins = terminated | truncated
+
+
+def test_a_robot_that_is_moved_off_its_path_plans_from_where_it_is():
+    env = gymnasium.make_vec(RANDOM_ID, num_envs=8, scenes=POOL, observation="flat", patch_radius=1)
+    policies = [each(POOL.shape, 1) for each in (Replanner, PlansAnew)]
+    states, begins = [None, None], np.ones(8, dtype=bool)
+    observation, _ = env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        both = [p.predict(observation, s, begins) for p, s in zip(policies, states, strict=True)]
+        (ours, expected), states = zip(*both, strict=True)
+        assert ours.tolist() == expected.tolist()
+        is_pushed = rng.random(8) < 0.3
+        observation, _, terminated, truncated, _ = env.step(
+            np.where(is_pushed, rng.integers(8, size=8), ours)
+        )
+        begins = terminated | truncated
+
+
+@pytest.mark.parametrize("corner_cutting", [True, False])
+def test_bounds_of_a_plan_are_never_above_the_distances_to_go(corner_cutting):
+    """Cells close one after the other, as a robot would see them, and it moves on."""
+    rng = np.random.default_rng(1)
+    is_open, goal, bounds = np.ones((11, 13), dtype=bool), (9, 11), None
+    planner = PlansAnew(is_open.shape, 1, corner_cutting)
+    for _ in range(60):
+        cell = tuple(rng.integers((11, 13)).tolist())
+        is_open[cell] &= cell == goal
+        start = tuple(rng.integers((11, 13)).tolist())
+        plan = plan_path(is_open, start, goal, corner_cutting, bounds)
+        bounds = plan.bounds
+        expected = planner._moves(is_open, goal[0] * 13 + goal[1])
+        np.testing.assert_array_equal(plan.moves, expected[plan.cells])
+        if corner_cutting:
+            to_go = lengths(is_open, goal)
+            assert all(bounds[each] <= metres + 1e-9 for each, metres in to_go.items())
+
+
+def test_a_goal_out_of_reach_has_a_plan_of_one_move():
+    is_open = np.ones((6, 6), dtype=bool)
+    is_open[3] = False
+    plan = plan_path(is_open, (0, 0), (5, 5))
+    assert plan.cells.tolist() == [0]
+    assert plan.moves.tolist() == [0]

@@ -80,7 +80,7 @@ def test_command_writes_a_page_and_its_data(tmp_path, capsys, monkeypatch):
     results = json.loads((tmp_path / "new" / "speed.json").read_text())
     page = (tmp_path / "new" / "speed.md").read_text()
     assert status == any(bar["is_met"] is False for bar in results["bars"])
-    assert len(results["bars"]) == 14
+    assert len(results["bars"]) == 15
     for bar in results["bars"]:
         assert f"| {bar['what']} | {bar['needed']} | {bar['measured']} |" in page
     for title, found in results["races"].items():

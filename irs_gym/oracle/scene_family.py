@@ -93,11 +93,11 @@ class SceneFamily:
         is_there = self.legal[scenes[0]] if len(scenes) == 1 else self.legal[scenes].all(axis=0)
         return np.asarray(is_there & np.repeat(cells, np.diff(self.rows)))
 
-    def lengths_from(self, cell: int, moves: Bools, limit: float = inf) -> Floats:
+    def lengths_from(self, cell: int, moves: Bools) -> Floats:
         """Whole lengths ``(N,)`` of shortest walks from a cell over those moves ``(E,)``; +inf
         where none leads.
         """
-        found: Floats = dijkstra(self._graph(moves), indices=cell, limit=limit)
+        found: Floats = dijkstra(self._graph(moves), indices=cell)
         return found
 
     def walk(self, start: int, end: int, moves: Bools) -> Ints:

@@ -1,12 +1,13 @@
 """`roll_out_alike`: the greedy episodes of a policy in scenes of which many look alike for long."""
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies.policy import Policy
-from agents.rollout.scene_set import SceneSetResults
+from agents.rollout.scene_set import NOTHING, SceneSetResults
 from irs_gym.datasets.random_task import RandomTask, build_worlds
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.vector.many_scenes import build_many_scenes
@@ -20,8 +21,7 @@ def roll_out_alike(
     """Episodes as those of `agents.rollout.scene_set.roll_out_scene_set`, by asking a policy once
     for all scenes that have looked alike to it so far.
 
-    It has to be deterministic, and to leave the memory as it is that it was given. Observations are
-    flat, actions are not kept.
+    It has to be deterministic. Observations are flat.
 
     Parameters
     ----------
@@ -39,6 +39,7 @@ def roll_out_alike(
     states = model.code.encode(np.arange(len(pool)), pool.start, pool.goal)
     distance = np.zeros(len(pool))
     is_success = np.zeros(len(pool), dtype=bool)
+    done = np.full((len(pool), max_steps), NOTHING)  # (S, T)
 
     # scenes that have looked alike, and what the policy remembers of them
     groups: list[tuple[Ints, Any]] = [(np.arange(len(pool)), None)]
@@ -50,11 +51,13 @@ def roll_out_alike(
             for part in _alike(rows):
                 scenes = group[part]
                 seen = model.packing.unpack((rows[part[:1]],))
+                # each part has a memory of its own, whatever a policy does to it
                 actions, after = policy.predict(
-                    seen, memory, np.array([step == 0]), deterministic=True
+                    seen, deepcopy(memory), np.array([step == 0]), deterministic=True
                 )
                 outcome = model.move(states[scenes], np.repeat(actions, len(scenes)))
 
+                done[scenes, step] = actions
                 states[scenes] = outcome.states
                 distance[scenes] += outcome.moved
                 is_success[scenes] = outcome.is_terminated
@@ -66,7 +69,7 @@ def roll_out_alike(
         if not groups:
             break
 
-    return SceneSetResults(is_success, distance, pool.oracle_distance)
+    return SceneSetResults(is_success, distance, pool.oracle_distance, done)
 
 
 def _alike(rows: NDArray[np.float32]) -> list[Ints]:

@@ -17,9 +17,10 @@ from irs_gym.oracle.scene_family import MOST_CELLS, SceneFamily, build_scene_fam
 from irs_gym.oracle.shortest_path import Path, path_length
 
 MOST_RADIUS = 100
-# Of a state, at the most: the walks from it, of which some are tried, and the scenes of its belief.
+# Of a state: the walks from it, of which some are tried; and for each scene, its number in the
+# belief and in the key of that.
 _STATE_BYTES = 3000
-_SCENE_BYTES = 8
+_SCENE_BYTES = 4
 _EXACT = 1e-9  # relative: value and bound are sums of floats in another order
 
 
@@ -282,7 +283,7 @@ def _nodes(
         patches = [patch_of(shown[each.scenes[0]], end, radius).tobytes() for each in after]
         each_node = [nodes[id(each)] for each in after]
         nodes[id(state)] = BeliefNode(
-            state.scenes, walk, dict(zip(patches, each_node, strict=True))
+            state.scenes.astype(np.int64), walk, dict(zip(patches, each_node, strict=True))
         )
 
     return nodes, paths

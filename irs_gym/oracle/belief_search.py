@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from irs_gym.oracle.scene_family import SceneFamily
+from irs_gym.oracle.scene_family import SceneFamily, Scenes
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,7 +31,7 @@ class State:
     Attributes
     ----------
     scenes
-        int64, shape ``(n,)``, rising: those that are still possible.
+        Shape ``(n,)``: those that are still possible.
     cell
         Flat.
     walked
@@ -44,7 +44,7 @@ class State:
         Whether that is to walk a way that there is in all the scenes, whatever is seen.
     """
 
-    scenes: Ints
+    scenes: Scenes
     cell: int
     walked: int
     value: float
@@ -107,7 +107,7 @@ class _Searcher:
         self.expanded = 0
         self._states: dict[tuple[bytes, int, int], State] = {}
         self._oracle = family.oracle_length
-        self._score: Callable[[Ints, Floats], Floats] = (
+        self._score: Callable[[Scenes, Floats], Floats] = (
             self._spl if criterion == "spl" else self._minus_length
         )
 
@@ -115,10 +115,11 @@ class _Searcher:
         """The states after the robot has seen its start, its goal and what is around it."""
         family = self.family
         ends = np.stack([family.start, family.goal], axis=1)
+        number = np.min_scalar_type(len(family) - 1)
         roots = []
 
         for start, goal in np.unique(ends, axis=0).tolist():
-            scenes = np.flatnonzero((ends == (start, goal)).all(axis=1))
+            scenes = np.flatnonzero((ends == (start, goal)).all(axis=1)).astype(number)
             roots += [self._state(each, start, 0) for each in family.alike(scenes, start)]
 
         return roots
@@ -161,7 +162,7 @@ class _Searcher:
 
     # --- a state ----------------------------------------------------------------------------------
 
-    def _state(self, scenes: Ints, cell: int, walked: int) -> State:
+    def _state(self, scenes: Scenes, cell: int, walked: int) -> State:
         """The state of a belief in a cell, the same whenever it is asked for."""
         key = (scenes.tobytes(), cell, walked)
         known = self._states.get(key)
@@ -176,7 +177,7 @@ class _Searcher:
 
         return state
 
-    def _is_sure(self, scenes: Ints, cell: int, to_go: Floats) -> bool:
+    def _is_sure(self, scenes: Scenes, cell: int, to_go: Floats) -> bool:
         """Whether one way is a shortest in all those scenes."""
         if to_go.max() - to_go.min() > _TIE:
             return False
@@ -250,11 +251,11 @@ class _Searcher:
     def _length(self, whole: int) -> float:
         return float(self.family.true_lengths(whole)) if whole else 0.0
 
-    def _spl(self, scenes: Ints, lengths: Floats) -> Floats:
+    def _spl(self, scenes: Scenes, lengths: Floats) -> Floats:
         shortest = self._oracle[scenes]
         # lengths are (n,), or (n, A) for A walks
         ratio = shortest / np.maximum(lengths.T, shortest)
         return np.asarray(ratio @ self.family.weights[scenes])
 
-    def _minus_length(self, scenes: Ints, lengths: Floats) -> Floats:
+    def _minus_length(self, scenes: Scenes, lengths: Floats) -> Floats:
         return np.asarray(-(lengths.T @ self.family.weights[scenes]))

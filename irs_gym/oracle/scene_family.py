@@ -16,6 +16,8 @@ from irs_gym.oracle.whole_lengths import true_lengths, whole_lengths
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Scenes = NDArray[np.integer[Any]]
+"""Numbers of scenes, shape ``(n,)``, rising; of few bytes, as many beliefs are held at once."""
 
 MOST_CELLS = 4096  # of a map: with more, whole lengths of walks would not be exact
 _CELL_BYTES = 120  # for each cell of each scene, at the most
@@ -73,12 +75,12 @@ class SceneFamily:
         """Cells of the shortest path from each start, shape ``(S,)``."""
         return np.asarray(self.to_go[np.arange(len(self)), self.start])
 
-    def alike(self, scenes: Ints, cell: int) -> list[Ints]:
+    def alike(self, scenes: Scenes, cell: int) -> list[Scenes]:
         """The scenes ``(n,)`` in parts that look alike from a cell."""
         kind = self.seen[scenes, cell]
         return [scenes[kind == each] for each in np.unique(kind)]
 
-    def telling_cells(self, scenes: Ints) -> Bools:
+    def telling_cells(self, scenes: Scenes) -> Bools:
         """Cells ``(N,)`` that a walk ends in: the goal, and those that tell some of the scenes
         apart.
         """
@@ -88,7 +90,7 @@ class SceneFamily:
 
         return np.asarray(tells)
 
-    def moves_out_of(self, scenes: Ints, cells: Bools) -> Bools:
+    def moves_out_of(self, scenes: Scenes, cells: Bools) -> Bools:
         """Moves ``(E,)`` out of some cells ``(N,)`` that there are in all those scenes."""
         is_there = self.legal[scenes[0]] if len(scenes) == 1 else self.legal[scenes].all(axis=0)
         return np.asarray(is_there & np.repeat(cells, np.diff(self.rows)))

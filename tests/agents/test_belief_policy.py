@@ -100,14 +100,15 @@ def test_asked_once_for_all_that_looks_alike_a_policy_makes_the_episodes_that_it
         each = roll_out_scene_set(policy, pool, "flat", 15)
         assert together.distance == pytest.approx(each.distance, abs=1e-12)
         assert (together.is_success == each.is_success).all()
+        assert (together.actions == each.actions).all()
         assert 0 < together.is_success.sum() < 40
 
 
 def test_moves_are_those_of_the_grid():
-    maps = scattered(40, (14, 13), seed=6)
-    radius = RandomTask.patch_radius
-    found = belief_optimum(maps, (0, 0), (13, 12), 0.5, radius=radius)
-    played = roll_out_scene_set(BeliefPolicy(found, (14, 13)), set_of(maps), "flat", 100)
+    maps = scattered(60, (8, 8), seed=5)
+    found = belief_optimum(maps, (0, 0), (7, 7), 0.5, radius=1)
+    policy = BeliefPolicy(found, (8, 8))
+    played = roll_out_alike(policy, set_of(maps), patch_radius=1, max_steps=100)
     for n in range(len(maps)):
         moves = played.actions[n][played.actions[n] >= 0]
         assert np.diff(found.path(n).cells, axis=0).tolist() == MOVES[moves].tolist()

@@ -258,7 +258,7 @@ def _draw(each: Headroom, folder: Path) -> None:
     lengths = (each.best_spl.distances[scene], each.played[REPLANNING].distance[scene])
     columns, rows = closed.shape
 
-    with new_figure(9.0, 4.6) as figure:
+    with new_figure(9.0, 5.0) as figure:
         for axes, (title, cells), metres in zip(
             figure.subplots(1, 2, sharey=True), paths.items(), lengths, strict=True
         ):

@@ -37,6 +37,10 @@ COMMANDS = {
     "generalisation": (
         "put all runs over many scenes on one page: scenes never seen, of any kind, and the paper's"
     ),
+    "headroom": (
+        "compute what a policy that sees only a patch could reach at most in small rooms, "
+        "and write docs/headroom.md"
+    ),
     "intervals": (
         "make every interval in docs/ anew from the results beside it, and write docs/intervals.md"
     ),

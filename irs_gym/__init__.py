@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from irs_gym.mdp.configurations import fewest_configurations as fewest_configurations
     from irs_gym.mdp.cost import cost_map as cost_map
     from irs_gym.mdp.robot import Robot as Robot
+    from irs_gym.oracle.belief_optimum import BeliefNode as BeliefNode
+    from irs_gym.oracle.belief_optimum import BeliefOptimum as BeliefOptimum
+    from irs_gym.oracle.belief_optimum import belief_optimum as belief_optimum
     from irs_gym.oracle.budget_to_go import BudgetToGo as BudgetToGo
     from irs_gym.oracle.budget_to_go import budget_to_go as budget_to_go
     from irs_gym.oracle.euclidean_to_go import EuclideanToGo as EuclideanToGo
@@ -76,6 +79,9 @@ _HOMES = {
     "Grid": "grid",
     "Robot": "mdp.robot",
     "cost_map": "mdp.cost",
+    "BeliefNode": "oracle.belief_optimum",
+    "BeliefOptimum": "oracle.belief_optimum",
+    "belief_optimum": "oracle.belief_optimum",
     "BudgetToGo": "oracle.budget_to_go",
     "budget_to_go": "oracle.budget_to_go",
     "EuclideanToGo": "oracle.euclidean_to_go",

@@ -155,12 +155,17 @@ def replan(pool: SceneSet) -> SceneSetResults:
 
 
 def explore_untrained(pool: SceneSet) -> SceneSetResults:
-    """Episodes of an explorer that has learned nothing: to it, all that is unknown costs about an
-    eighth more.
+    """Episodes of `untrained_explorer`."""
+    return play_scene_set(untrained_explorer(), pool)
+
+
+def untrained_explorer() -> Explorer:
+    """An explorer that has learned nothing: to it, all that is unknown costs about an eighth
+    more.
     """
     config = ExplorerConfig()
     torch.manual_seed(0)
-    return play_scene_set(Explorer(network_settings(config), first_network(config)), pool)
+    return Explorer(network_settings(config), first_network(config))
 
 
 def plan_untrained(pool: SceneSet) -> SceneSetResults:

@@ -146,9 +146,13 @@ def explore_untrained(pool: SceneSet) -> SceneSetResults:
     """Episodes of an explorer that has learned nothing: to it, all that is unknown costs about an
     eighth more.
     """
-    config = ExplorerConfig()
+    return play_scene_set(Explorer(network_settings(ExplorerConfig()), untrained_network()), pool)
+
+
+def untrained_network() -> Any:
+    """The network of an explorer that has learned nothing."""
     torch.manual_seed(0)
-    return play_scene_set(Explorer(network_settings(config), first_network(config)), pool)
+    return first_network(ExplorerConfig())
 
 
 def apply(name: str, pool: SceneSet) -> SceneSetResults:

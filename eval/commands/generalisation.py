@@ -85,10 +85,7 @@ def main(
 
         runs, left_out = ([], []) if folder is None else find_generalists(folder)
         if folder is not None and not runs:
-            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
-            raise ValueError(
-                f"no complete run over many scenes lies below {str(folder)!r}{reasons}"
-            )
+            raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
 
         torch.set_num_threads(1)  # more wait for each other
         sizes: dict[Track, int] = {"map": num_scenes, "local": local_scenes}
@@ -99,6 +96,10 @@ def main(
 
         entrants, damaged = results_of(policies, sizes, facts, found)
         left_out += damaged
+        if runs and not any(each.runs for each in entrants):
+            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
+            raise ValueError(f"no run below {str(folder)!r} can be played{reasons}")
+
         shown: TrackFacts = {
             track: {name: facts[name, scenes_of(name, track, size)] for name in PAGE_SETS}
             for track, size in sizes.items()

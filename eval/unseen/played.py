@@ -53,8 +53,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """What a policy did in each scene of a set, ``(S,)``, and how many seconds of one core all took.
-    """
+    """What a policy did in each scene of a set, ``(S,)``, and the seconds of one core it took."""
 
     is_success: NDArray[np.bool_]
     distance: NDArray[np.float64]

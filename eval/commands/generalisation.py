@@ -25,7 +25,7 @@ from eval.unseen.page import FIGURES, draw_scenes_curve, unseen_page
 from eval.unseen.page_sets import PAGE_SETS, SetFacts, Track, page_scene_set, scenes_of
 from eval.unseen.played import Episodes, Found, play_all
 from eval.unseen.policy_results import (
-    REFERENCE_TITLES,
+    PAGE_REFERENCES,
     Policy,
     PolicyResult,
     find_generalists,
@@ -141,7 +141,7 @@ def policies_of(runs: Sequence[Any]) -> list[Policy]:
     played = [Policy.of_run(run) for run in runs]
     seeds = {each.model for each in played}
     pretrained = [Policy.of_pretrained(each) for each in Models.read(MODELS).generalists]
-    references = [Policy.of_reference(name) for name in REFERENCE_TITLES]
+    references = [Policy.of_reference(name) for name in PAGE_REFERENCES]
 
     return [*played, *(each for each in pretrained if each.model not in seeds), *references]
 

@@ -2,10 +2,12 @@
 played.
 """
 
+import ast
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import cache
 from hashlib import sha256
 from io import BytesIO
 from multiprocessing import get_context
@@ -17,6 +19,9 @@ import torch
 from numpy.typing import NDArray
 from rich.progress import track
 
+import agents.networks
+import agents.policies
+import agents.rollout
 from agents.rollout.scene_set import SceneSetResults
 from agents.runs.run_folder import Run
 from eval.scoreboard.results import LeftOut
@@ -24,9 +29,8 @@ from eval.unseen.page_sets import SetFacts, checksum_of, page_scene_set
 from eval.unseen.scores import Player, player_of, run_or_player
 from irs_gym.files import read_arrays, write_file
 
-# Of what a policy does with a model: whoever changes that without changing models raises it, so
-# that all is played anew.
-VERSION = 1
+# Whose modules say what a policy does with a model.
+_CODE = (agents.networks, agents.policies, agents.rollout)
 
 
 @dataclass(frozen=True)
@@ -164,8 +168,39 @@ def _player(policy: Path | str) -> Player:
 
 def _file(folder: Path | None, model: str, checksum: str) -> Path | None:
     """Named after all that the episodes depend on."""
-    key = sha256(json.dumps([VERSION, model, checksum]).encode()).hexdigest()
+    key = sha256(json.dumps([code_checksum(), model, checksum]).encode()).hexdigest()
     return None if folder is None else folder / f"{key[:40]}.npz"
+
+
+@cache
+def code_checksum() -> str:
+    """SHA-256 of the modules that say what a policy does, without comments and docstrings."""
+    files = [file for each in _CODE for file in Path(each.__path__[0]).rglob("*.py")]
+    return sha256(
+        "\n".join(code_of(file.read_text()) for file in sorted(files)).encode()
+    ).hexdigest()
+
+
+def code_of(source: str) -> str:
+    """What a module does, as text: two that differ in comments, docstrings and layout alone are
+    equal.
+    """
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [each for each in body if not _is_text(each)]  # type: ignore[attr-defined]
+
+    return ast.dump(tree)
+
+
+def _is_text(node: ast.AST) -> bool:
+    """Whether it is a string that stands alone: a docstring."""
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
 
 
 def _write(file: Path, played: Episodes) -> None:

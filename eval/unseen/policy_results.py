@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from agents.learning.local_configs import ExplorerConfig
-from agents.learning.map_configs import network_settings
-from agents.networks.map_network import pack_network
+from agents.learning.map_configs import PlannerConfig
+from agents.learning.map_learner import first_network
 from agents.registry import ALGORITHMS, observation_of
 from agents.rollout.scene_set import SceneSetResults
 from agents.runs.manifest import Config, GeneralistEntry
@@ -23,16 +24,24 @@ from agents.runs.run_folder import Run, RunError
 from eval.scoreboard.results import COMPLETE, LeftOut, find_runs, read_curve, settings_text
 from eval.unseen.page_sets import PAGE_SETS, SetFacts, Track, scenes_of
 from eval.unseen.played import Found, Trial
-from eval.unseen.scores import untrained_network
+from eval.unseen.scores import UNSEEN_REFERENCES, reference
 from irs_gym.datasets.splits import FAMILIES, all_but, members_of
 
 USUAL_SCENES = 3000
 REFERENCE_TITLES = {
+    "untrained_planner": "planning network, untrained",
     "replanning": "optimistic replanning",
     "untrained_explorer": "explorer, untrained",
     "greedy": "greedy (octile)",
     "greedy_margin": "greedy on the margin",
 }
+PAGE_REFERENCES = tuple(name for name in REFERENCE_TITLES if name in UNSEEN_REFERENCES)
+_UNTRAINED: Mapping[str, Any] = {
+    "untrained_planner": PlannerConfig,
+    "untrained_explorer": ExplorerConfig,
+}
+# Where an agent learns makes no other of it.
+_NO_SETTINGS = ("device",)
 
 Sizes = Mapping[Track, int]
 """How many scenes of each set a track is scored on, where there are as many."""
@@ -210,9 +219,8 @@ class Policy:
 
     @classmethod
     def of_reference(cls, name: str) -> "Policy":
-        """A reference; the untrained explorer is named after its weights."""
-        is_network = name == "untrained_explorer"
-        return cls(name, sha256(untrained_file()).hexdigest() if is_network else name, name)
+        """A reference; one that has not learned is named after its weights."""
+        return cls(name, untrained_sha256(name) if name in _UNTRAINED else name, name)
 
     @property
     def split(self) -> str | None:
@@ -226,8 +234,9 @@ class Policy:
 
     @property
     def track(self) -> Track:
-        """What it sees; the references see what a local agent sees."""
-        return track_of(self.algorithm) if self.config else "local"
+        """What it sees."""
+        is_map = (track_of if self.config else _sees)(self.algorithm) == "map"
+        return "map" if is_map else "local"
 
     def trials(self, sizes: Sizes, facts: Facts) -> dict[str, Trial]:
         """What it plays, by the name of a set. A policy of SB3 sees maps of one size."""
@@ -318,9 +327,19 @@ def _result_of_group(
 
 
 @cache
-def untrained_file() -> bytes:
-    """The untrained explorer as the content of a file."""
-    return pack_network("explorer", network_settings(ExplorerConfig()), untrained_network())
+def untrained_sha256(name: str) -> str:
+    """SHA-256 of settings and weights of a reference that has a network."""
+    torch.manual_seed(0)
+    config = _UNTRAINED[name]()
+    digest = sha256(repr(config).encode())
+    for key, each in first_network(config).state_dict().items():
+        digest.update(key.encode() + each.numpy().tobytes())
+
+    return digest.hexdigest()
+
+
+def _sees(name: str) -> str:
+    return reference(name).sees
 
 
 def _check_generalist(run: Run) -> None:
@@ -340,6 +359,9 @@ def _check_generalist(run: Run) -> None:
 def _settings(run: Run) -> str:
     """All that runs of one group share; of weights to begin with, that is whose they are."""
     agent = {**run.config.agent, "weights": _maker(run.config.agent.get("weights"))}
+    for name in _NO_SETTINGS:
+        agent.pop(name, None)
+
     return settings_text({"agent": agent, "env": run.config.env})
 
 

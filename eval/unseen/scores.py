@@ -146,13 +146,9 @@ def explore_untrained(pool: SceneSet) -> SceneSetResults:
     """Episodes of an explorer that has learned nothing: to it, all that is unknown costs about an
     eighth more.
     """
-    return play_scene_set(Explorer(network_settings(ExplorerConfig()), untrained_network()), pool)
-
-
-def untrained_network() -> Any:
-    """The network of an explorer that has learned nothing."""
+    config = ExplorerConfig()
     torch.manual_seed(0)
-    return first_network(ExplorerConfig())
+    return play_scene_set(Explorer(network_settings(config), first_network(config)), pool)
 
 
 def apply(name: str, pool: SceneSet) -> SceneSetResults:

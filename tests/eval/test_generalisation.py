@@ -442,6 +442,18 @@ def test_what_was_played_is_played_anew_where_its_file_is_forged_or_damaged(
     assert len(plays) == 3
 
 
+def test_what_was_played_is_played_anew_where_what_policies_do_has_changed(monkeypatch, tmp_path):
+    plays = counted(monkeypatch)
+    play_all([TRIAL], FACTS, tmp_path)
+    monkeypatch.setattr(played, "code_checksum", lambda: "another")
+    play_all([TRIAL], FACTS, tmp_path)
+    assert len(plays) == 2
+    before = 'def f(x):\n    """What it is."""\n    return x + 1  # one more\n'
+    after = 'def f(x):\n    """Another word."""\n\n    return (x + 1)\n'
+    assert played.code_of(before) == played.code_of(after)
+    assert played.code_of(before) != played.code_of(after.replace("1", "2"))
+
+
 def test_the_untrained_explorer_is_known_by_its_weights():
     found = Policy.of_reference("untrained_explorer")
     assert len(found.model) == 64

@@ -1,9 +1,11 @@
-"""`score_tables` and others: tables of policies over sets of scenes, for the page of unseen scenes.
+"""`spl_tables` and others: tables of policies over sets of scenes, for the page of unseen scenes.
 
 Sets are rows, as there are many; policies are columns, so many side by side as can be read.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -14,32 +16,63 @@ from eval.unseen.scene_scores import FAMILY_SETS, MEAN, RIVALS
 
 Entrant = Mapping[str, Any]
 SIDE_BY_SIDE = 5  # policies in a table of scores
-PAIRS = 3  # policies in a table of differences, of which each takes two columns
+DIFFERENCES = 6  # in a table
 NOTHING = "–"
 MEAN_TITLE = "*eight families, mean*"
 
 
-def score_tables(entrants: Sequence[Entrant], figure: str) -> str:
-    """``"spl"`` or ``"success"`` of each policy on each set, and the mean over families."""
+@dataclass(frozen=True)
+class Column:
+    """A column of a table over sets: its title, and its cell for the name of each."""
+
+    title: str
+    sets: Mapping[str, Any]  # by the names of those that it knows
+    cell: Callable[[str], str]
+
+
+def spl_tables(entrants: Sequence[Entrant]) -> str:
+    """SPL of each policy on each set with its interval, and the mean over families; whom others are
+    compared with stand in each table.
+    """
     shown = [each for each in entrants if each["family"] is None]
-    return "\n\n".join(
-        _over_sets(part, [("", lambda each, name: score_cell(_found(each, name, figure)))])
-        for part in _parts(shown, SIDE_BY_SIDE)
+    rivals = [each for each in shown if each["algorithm"] in RIVALS]
+    others = [each for each in shown if each not in rivals]
+    columns = [
+        [_spl_column(each, shown) for each in (*rivals, *part)]
+        for part in _parts(others, SIDE_BY_SIDE - len(rivals))
+    ]
+    return "\n\n".join(map(_over_sets, columns))
+
+
+def success_table(entrants: Sequence[Entrant]) -> str:
+    """Success of each policy on each set, without intervals, so that all stand side by side."""
+
+    def cell(each: Entrant, name: str) -> str:
+        found = _found(each, name, "success")
+        return NOTHING if found is None else f"{found['value']:.4f}"
+
+    shown = [each for each in entrants if each["family"] is None]
+    return _over_sets(
+        [Column(_title(each, shown), each["sets"], partial(cell, each)) for each in shown]
     )
 
 
 def difference_tables(entrants: Sequence[Entrant]) -> str:
-    """Differences in SPL from the untrained explorer and from replanning on each set."""
-    shown = [
-        each
-        for each in entrants
-        if each["family"] is None
-        and (each["seeds"] or each["algorithm"] in RIVALS)
-        and any(over in _all(each, "test") for over in RIVALS.values())
+    """Differences in SPL of what learns from the untrained explorer and from replanning, and of
+    these two, on each set.
+    """
+    shown = [each for each in entrants if each["family"] is None]
+    columns = [
+        Column(
+            f"{_title(each, shown)}, {title_of(over)}",
+            each["sets"],
+            partial(_difference, each, over),
+        )
+        for each in shown
+        for over in RIVALS.values()
+        if each["seeds"] or (each["algorithm"], over) == ("untrained_explorer", "over_replanning")
     ]
-    columns = [(title_of(over), _difference_of(over)) for over in RIVALS.values()]
-
-    return "\n\n".join(_over_sets(part, columns) for part in _parts(shown, PAIRS))
+    return "\n\n".join(_over_sets(part) for part in _parts(columns, DIFFERENCES))
 
 
 def clear_table(entrants: Sequence[Entrant], left_out: Sequence[Mapping[str, Any]]) -> str:
@@ -153,39 +186,34 @@ def shipped_tables(shipped: Sequence[Mapping[str, Any]], entrants: Sequence[Entr
         assert mean is not None
         return f"{score_cell(own)}<br>(seeds: {mean['value']:.4f})"
 
-    scores = [_over_sets(part, [("", cell)], "spl") for part in _parts(beside, SIDE_BY_SIDE)]
+    columns = [Column(_title(each, beside), each["spl"], partial(cell, each)) for each in beside]
+    scores = [_over_sets(part) for part in _parts(columns, SIDE_BY_SIDE)]
 
     return "\n\n".join([chosen, *scores])
 
 
 # --- parts ----------------------------------------------------------------------------------------
 
-Cell = Callable[[Any, str], str]
 
-
-def _over_sets(
-    entrants: Sequence[Mapping[str, Any]],
-    columns: Sequence[tuple[str, Cell]],
-    key: str = "sets",
-) -> str:
-    """A row a set, and for each policy so many columns."""
-    names = [name for name in PAGE_SETS if any(name in each[key] for each in entrants)]
-    names.remove("paper") if "paper" in names else None
-    if any(MEAN in each[key] for each in entrants):
+def _over_sets(columns: Sequence[Column]) -> str:
+    """A row a set, all but the paper's scene, which has a table of its own."""
+    known = {name for column in columns for name in column.sets}
+    names = [name for name in PAGE_SETS if name in known and name != "paper"]
+    if MEAN in known:
         names.insert(names.index(FAMILY_SETS[-1]) + 1, MEAN)
 
-    rows = [
-        [
-            MEAN_TITLE if name == MEAN else name,
-            *(cell(each, name) for each in entrants for _, cell in columns),
-        ]
-        for name in names
-    ]
-    header = ["set"]
-    for each in entrants:
-        header += [", ".join(filter(None, (_title(each, entrants), name))) for name, _ in columns]
+    header = ["set", *(column.title for column in columns)]
+    return table(
+        header, [[_short(name), *(column.cell(name) for column in columns)] for name in names]
+    )
 
-    return table(header, rows)
+
+def _spl_column(entrant: Entrant, entrants: Sequence[Entrant]) -> Column:
+    return Column(
+        _title(entrant, entrants),
+        entrant["sets"],
+        lambda name: score_cell(_found(entrant, name, "spl")),
+    )
 
 
 def _title(entrant: Mapping[str, Any], entrants: Sequence[Mapping[str, Any]]) -> str:
@@ -244,8 +272,8 @@ def _all(entrant: Entrant, name: str) -> Mapping[str, Any]:
     return found
 
 
-def _difference_of(over: str) -> Cell:
-    return lambda each, name: difference_cell(_found(each, name, over))
+def _difference(entrant: Entrant, over: str, name: str) -> str:
+    return difference_cell(_found(entrant, name, over))
 
 
 def _parts(items: Sequence[Any], most: int) -> list[Sequence[Any]]:

@@ -135,11 +135,11 @@ def facts_of(sizes: Mapping[Track, int]) -> dict[tuple[str, int], SetFacts]:
 
 
 def policies_of(runs: Sequence[Any]) -> list[Policy]:
-    """All that stands on the page: runs, models of ``models/`` that are none of these, and
-    references.
+    """All that stands on the page: runs, models of ``models/`` that are none of those that play all
+    sets, and references.
     """
     played = [Policy.of_run(run) for run in runs]
-    seeds = {each.model for each in played}
+    seeds = {each.model for each in played if each.sets == list(PAGE_SETS)}
     pretrained = [Policy.of_pretrained(each) for each in Models.read(MODELS).generalists]
     references = [Policy.of_reference(name) for name in PAGE_REFERENCES]
 

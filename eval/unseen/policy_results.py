@@ -238,12 +238,18 @@ class Policy:
         is_map = (track_of if self.config else _sees)(self.algorithm) == "map"
         return "map" if is_map else "local"
 
+    @property
+    def sets(self) -> list[str]:
+        """What it is played on: all, but for some runs."""
+        if self.run is None:
+            return list(PAGE_SETS)
+
+        return sets_of(self.algorithm, self.split, self.scenes)
+
     def trials(self, sizes: Sizes, facts: Facts) -> dict[str, Trial]:
         """What it plays, by the name of a set. A policy of SB3 sees maps of one size."""
         found = {}
-        is_run = self.run is not None
-        names = sets_of(self.algorithm, self.split, self.scenes) if is_run else list(PAGE_SETS)
-        for name in names:
+        for name in self.sets:
             count = scenes_of(name, self.track, sizes[self.track])
             frames = [
                 facts[each, scenes_of(each, "map", sizes["map"])].shape for each in ("test", name)

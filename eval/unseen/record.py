@@ -59,12 +59,15 @@ def left_out_families(
 def shipped(entrants: Sequence[Mapping[str, Any]], scores: SceneScores) -> list[dict[str, Any]]:
     """The models of ``models/`` that are on a page, each with its own scores."""
     kept = {entry.sha256: entry for entry in Models.read(MODELS).generalists}
-    seeds = [
-        (kept[sha256], entrant, place)
-        for entrant in entrants
+    rows = {
+        sha256: (kept[sha256], entrant, place)
+        # a row of its own has more sets than a point of a curve
+        for entrant in sorted(entrants, key=lambda each: not each["is_run"])
         for place, sha256 in enumerate(entrant["models"])
         if sha256 in kept
-    ]
+    }
+    order = list(kept)
+    seeds = [rows[sha256] for sha256 in sorted(rows, key=order.index)]
     return [
         {
             "name": entrant["name"],

@@ -327,6 +327,20 @@ def test_a_shipped_model_that_is_one_of_the_seeds_stands_beside_their_mean(
     )
 
 
+def test_a_shipped_model_that_is_but_a_point_of_the_curve_plays_all_sets_too(monkeypatch, tmp_path):
+    run = save(tmp_path / "runs", PlannerConfig(batch_scenes=4), 0, scenes=10)
+    left_out = save(tmp_path / "no-maze", ExplorerConfig(robots=4), 0, split=all_but("maze"))
+    monkeypatch.setattr(generalisation, "MODELS", tmp_path / "models")
+    for folder in (run.folder, left_out.folder):
+        call(monkeypatch, "pretrain", folder, "--out", tmp_path / "models")
+    point, maze, shipped, *references = generalisation.policies_of([run, left_out])
+    assert (point.sets, maze.sets) == (["test"], ["ood-maze"])
+    assert (shipped.source, shipped.model) == ("planner", point.model)
+    assert shipped.sets == list(PAGE_SETS)
+    # what a family was left out for is never shipped
+    assert {each.config for each in references} == {None}
+
+
 def test_earlier_runs_keep_their_intervals_until_there_are_new_ones(
     monkeypatch, small, runs, tmp_path
 ):

@@ -119,21 +119,29 @@ def _drawn(name: str, seed: int, level: Difficulty, scenes: int) -> SceneSet:
 
 def wall_scene_set(scenes: int) -> SceneSet:
     """Single walls of one row of cells in a hall, with start and goal on their two sides, and ways
-    around of `WALL_DETOURS`.
+    around of `WALL_DETOURS`. They end on either side and start on either, in turn, so that no order
+    in which moves are tried knows the way.
     """
     ways = WALL_DETOURS[:scenes]
-    return scene_set_of([wall_scene(each) for each in ways], [f"wall-{each}" for each in ways])
+    return scene_set_of(
+        [wall_scene(each, n % 2 == 1, n // 2 % 2 == 1) for n, each in enumerate(ways)],
+        [f"wall-{each}" for each in ways],
+    )
 
 
-def wall_scene(way_m: float) -> Scene:
+def wall_scene(way_m: float, is_mirrored: bool = False, is_reversed: bool = False) -> Scene:
     """A wall that leaves one row of cells free at its end, and a way around it of that length.
 
-    The target excludes no cell: the wall alone decides.
+    The target excludes no cell: the wall alone decides. Mirrored, the wall ends on the other side;
+    reversed, start and goal are exchanged.
     """
     half_x, half_y = (side / 2 for side in _WALL_ROOM)
     end = half_y - CELL_SIZE
     # past the end by half a cell, across two cells, and back
     beside = end + CELL_SIZE / 2 - (way_m - 2 * CELL_SIZE) / 2
+    side = -1.0 if is_mirrored else 1.0
+    ends = [(-CELL_SIZE / 2, side * beside), (3 * CELL_SIZE / 2, side * beside)]
+    start, goal = reversed(ends) if is_reversed else ends
     paper = load_scene("paper")
 
     scene = Scene(
@@ -141,14 +149,15 @@ def wall_scene(way_m: float) -> Scene:
         room=Room(x_min=-half_x, x_max=half_x, y_min=-half_y, y_max=half_y, height=_HEIGHT),
         obstacles=(
             Obstacle(
-                center=(CELL_SIZE / 2, (end - half_y) / 2), size=(CELL_SIZE, end + half_y, _HEIGHT)
+                center=(CELL_SIZE / 2, side * (end - half_y) / 2),
+                size=(CELL_SIZE, end + half_y, _HEIGHT),
             ),
         ),
-        access_points=(AccessPoint(position=(0.0, half_y, _HEIGHT - 1.0)),),
+        access_points=(AccessPoint(position=(0.0, side * half_y, _HEIGHT - 1.0)),),
         irs_panels=(),
         antenna_height=paper.antenna_height,
-        start=(-CELL_SIZE / 2, beside),
-        goal=(3 * CELL_SIZE / 2, beside),
+        start=start,
+        goal=goal,
         carrier_ghz=paper.carrier_ghz,
         rician_factor_db=paper.rician_factor_db,
         path_loss=paper.path_loss,

@@ -12,7 +12,7 @@ as well, the variances of seeds and of scenes add up, and the quantile lies betw
 statistics, shares that of the binomial law: both are exact.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -156,18 +156,45 @@ def crossed_mean(values: ArrayLike, within: Bounds = UNBOUNDED) -> Estimate:
     ValueError
         Where there is no value, or one is NaN.
     """
-    table = np.atleast_2d(np.asarray(values, dtype=np.float64))
-    if table.ndim != 2 or table.size == 0 or np.isnan(table).any():
-        raise ValueError(f"values {table.shape} must be (seeds, scenes), not empty and without NaN")
-
+    table = _crossed_table(values)
     value = float(table.mean())
     note = ONE_SEED if len(table) == 1 else ""
     if table.size == 1:
         return Estimate(value, None, None, note)
     if np.ptp(table) <= _EQUAL * max(1.0, abs(value)):
-        return Estimate(value, value, value, note or ALL_EQUAL)
+        return Estimate(value, value, value, ALL_EQUAL)
 
     low, high = crossed_interval(table)
+
+    return _clipped(value, value + low, value + high, within, note)
+
+
+def mean_of_crossed(tables: Sequence[ArrayLike], within: Bounds = UNBOUNDED) -> Estimate:
+    """Mean of the means of several tables ``(seeds, scenes)``, no two of which have a seed or a
+    scene in common, with an interval that holds for other seeds and scenes of each.
+
+    The variances of seeds add up, and so do those of scenes; each sum has the degrees of freedom of
+    Welch and Satterthwaite.
+
+    Raises
+    ------
+    ValueError
+        Where there is no table, or one has no value or a NaN.
+    """
+    each = [_crossed_table(table) for table in tables]
+    if not each:
+        raise ValueError("there must be one table or more")
+
+    value = float(np.mean([table.mean() for table in each]))
+    note = ONE_SEED if all(len(table) == 1 for table in each) else ""
+    if any(table.size == 1 for table in each):
+        return Estimate(value, None, None, note)
+    if all(np.ptp(table) <= _EQUAL * max(1.0, abs(value)) for table in each):
+        return Estimate(value, value, value, ALL_EQUAL)
+
+    parts = [_crossed_scatter(table) for table in each]
+    kinds = ([part[kind] for part in parts if kind in part] for kind in ("seeds", "scenes"))
+    low, high = _ends([_Scatter.joined(kind, len(each)) for kind in kinds if kind])
 
     return _clipped(value, value + low, value + high, within, note)
 
@@ -208,11 +235,13 @@ def band(curves: ArrayLike) -> tuple[Floats, Floats, Floats]:
 
 @dataclass(frozen=True, eq=False)
 class _Scatter:
-    """Of a mean of n draws: variance and third central moment, ``(...)``, and n - 1."""
+    """Of a mean of n draws: variance and third central moment, ``(...)``, and n - 1, or what takes
+    its place in a mean of such means.
+    """
 
     variance: Floats
     third: Floats
-    freedom: int
+    freedom: float
 
     @classmethod
     def of(cls, draws: Floats) -> "_Scatter":
@@ -223,6 +252,22 @@ class _Scatter:
         third = (centred**3).sum(axis=-1) * (n / ((n - 1) * (n - 2)) if n > 2 else 0.0)
 
         return cls(variance / n, third / n**2, n - 1)
+
+    @classmethod
+    def joined(cls, parts: "Sequence[_Scatter]", count: int) -> "_Scatter":
+        """Of the sum of independent means over their ``count``; of each, one number."""
+        variances = np.array([float(part.variance) for part in parts])
+        squares = sum(
+            variance**2 / part.freedom for variance, part in zip(variances, parts, strict=True)
+        )
+        whole = float(variances.sum())
+        third = np.array([float(part.third) for part in parts]).sum()
+
+        return cls(
+            variance=np.asarray(whole / count**2),
+            third=np.asarray(third / count**3),
+            freedom=whole**2 / squares if squares else min(part.freedom for part in parts),
+        )
 
     def scaled(self, factor: Floats) -> "_Scatter":
         """With that share of the variance, ``(...)``, and the same skewness."""
@@ -247,26 +292,33 @@ def crossed_interval(values: Floats) -> tuple[Floats, Floats]:
     In the variance of the mean, seeds count with what they and scenes have together; scenes count
     with what is beyond that, if anything is.
     """
+    return _ends([*_crossed_scatter(values).values()])
+
+
+def _crossed_scatter(values: Floats) -> dict[str, _Scatter]:
+    """What ``"seeds"`` and ``"scenes"`` add to the scatter of a mean of values ``(..., seeds,
+    scenes)``; one alone adds nothing.
+    """
     seeds, scenes = values.shape[-2:]
     of_seeds = values.mean(axis=-1)  # (..., seeds)
     of_scenes = values.mean(axis=-2)  # (..., scenes)
     if seeds == 1:
-        return mean_interval(of_scenes)
+        return {"scenes": _Scatter.of(of_scenes)}
     if scenes == 1:
-        return mean_interval(of_seeds)
+        return {"seeds": _Scatter.of(of_seeds)}
 
     # the variance of the mean that comes from the remainder, values less the effects of both
     whole = values.mean(axis=(-2, -1), keepdims=True)
     remainder = values - of_seeds[..., :, None] - of_scenes[..., None, :] + whole
     together = (remainder**2).sum(axis=(-2, -1)) / ((seeds - 1) * (scenes - 1) * seeds * scenes)
 
-    of_scenes = _Scatter.of(of_scenes)
-    beyond = np.maximum(of_scenes.variance - together, 0.0)
+    scatter = _Scatter.of(of_scenes)
+    beyond = np.maximum(scatter.variance - together, 0.0)
     factor = np.divide(
-        beyond, of_scenes.variance, out=np.zeros_like(beyond), where=of_scenes.variance > 0
+        beyond, scatter.variance, out=np.zeros_like(beyond), where=scatter.variance > 0
     )
 
-    return _ends([_Scatter.of(of_seeds), of_scenes.scaled(factor)])
+    return {"seeds": _Scatter.of(of_seeds), "scenes": scatter.scaled(factor)}
 
 
 def _ends(parts: list[_Scatter]) -> tuple[Floats, Floats]:
@@ -293,6 +345,15 @@ def _unskewed(quantile: Floats, skewness: Floats) -> Floats:
     """
     a = np.where(np.abs(skewness) < _STRAIGHT, _STRAIGHT, skewness) / 3.0
     return np.asarray((np.cbrt(1.0 + 3.0 * a * (quantile - a / 2.0)) - 1.0) / a)
+
+
+def _crossed_table(values: ArrayLike) -> Floats:
+    """Values as ``(seeds, scenes)``."""
+    table = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    if table.ndim != 2 or table.size == 0 or np.isnan(table).any():
+        raise ValueError(f"values {table.shape} must be (seeds, scenes), not empty and without NaN")
+
+    return table
 
 
 def _table(values: ArrayLike) -> Floats:

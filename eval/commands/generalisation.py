@@ -5,7 +5,6 @@ them has seen.
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,38 +16,33 @@ from tyro.conf import Positional, arg
 from agents.registry import observation_of
 from agents.rollout.episode import TOLERANCE, roll_out
 from agents.rollout.scene_set import SceneSetResults
-from agents.runs import provenance
+from agents.runs.pretrained import MODELS, Models, load_pretrained
 from eval.origin import commands_of, origins
 from eval.pictures import write_pictures
 from eval.scoreboard.results import LeftOut, tell_left_out
 from eval.unseen.gallery import Scenery, choose_scenes, draw_gallery
 from eval.unseen.page import FIGURES, draw_scenes_curve, unseen_page
+from eval.unseen.page_sets import PAGE_SETS, SetFacts, Track, page_scene_set, scenes_of
+from eval.unseen.played import Episodes, Found, play_all
 from eval.unseen.policy_results import (
+    PAGE_REFERENCES,
+    Policy,
     PolicyResult,
-    Track,
     find_generalists,
+    learned_on,
     pace,
-    result_of_reference,
-    result_of_runs,
+    results_of,
 )
-from eval.unseen.pretrained_scores import score_pretrained
 from eval.unseen.record import DATA_BYTES, SCORES, estimated_anew
 from eval.unseen.scene_scores import SceneScores, key_of
-from eval.unseen.scores import HARD, detours, paper_scene_set
+from eval.unseen.scores import HARD, detours
 from eval.unseen.throughput import throughput
-from irs_gym.datasets.generator import Difficulty, generate_scene
-from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
+from irs_gym.datasets.cache import cache_folder
 from irs_gym.files import read_file, write_file
 
-SETS = ("test", "ood-clutter", "ood-irs", "ood-size", "ood-rooms")
-PRETRAINED_SET = "ood-rooms"
-LARGE = "ood-size"
-LARGEST = "160x160"
-LARGEST_SCENES = 20
 GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
-PAGE_REFERENCES = ("replanning", "untrained_explorer", "greedy", "greedy_margin")
 
-ScenePools = Mapping[Track, Mapping[str, SceneSet]]
+TrackFacts = Mapping[Track, Mapping[str, SetFacts]]
 """What each track is scored on, by the names of the sets."""
 
 
@@ -56,71 +50,68 @@ def main(
     folder: Annotated[Positional[Path | None], arg(metavar="[DIR]", help_behavior_hint="")] = None,
     out: Path = Path("docs"),
     num_scenes: int = 1000,
-    local_large_scenes: int = 200,
+    local_scenes: int = 1000,
     jobs: int = 2,
+    kept: Path | None = None,
     trained_by: str | None = None,
 ) -> int:
     """Write generalisation.md, its data and its figures from all runs over many scenes below a
-    folder.
+    folder, and from the models that come with the package.
 
-    What a run does on a set of scenes is kept in its folder, so that a second call is fast. Without
-    a folder, the page stays as it is but for the pretrained models, which are scored anew.
+    What a policy does on a set of scenes is kept, by the checksums of both, so that a call that was
+    interrupted goes on, and one with some new runs plays these alone.
 
     Parameters
     ----------
     folder
-        Folder with run folders, at any depth; none: the runs are those of the page.
+        Folder with run folders, at any depth; none: the models that come with the package alone.
     out
         Folder of the page.
     num_scenes
-        Scenes of each set, from the first on.
-    local_large_scenes
-        Scenes of the set of large maps in the local track, where every step costs a plan.
+        Scenes of each set in the map track, from the first on; all where there are no more.
+    local_scenes
+        The same in the local track, where every step costs a plan.
     jobs
-        Runs played at a time.
+        Processes that play at a time.
+    kept
+        Folder of what was played; by default, one in the user's cache.
     trained_by
         The commands that trained the runs, to stand on the page, separated by semicolons.
     """
     try:
-        if min(num_scenes, local_large_scenes, jobs) < 1:
-            given = (
-                f"num_scenes={num_scenes}, local_large_scenes={local_large_scenes} and jobs={jobs}"
-            )
+        if min(num_scenes, local_scenes, jobs) < 1:
+            given = f"num_scenes={num_scenes}, local_scenes={local_scenes} and jobs={jobs}"
             raise ValueError(f"{given} must be 1 or more")
 
-        if folder is None:
-            rewrite(out, num_scenes)
-            print(f"written: {out / 'generalisation.md'}")
-            return 0
-
-        runs, left_out = find_generalists(folder)
-        if not runs:
+        runs, left_out = ([], []) if folder is None else find_generalists(folder)
+        if folder is not None and not runs:
             raise ValueError(f"no complete run over many scenes lies below {str(folder)!r}")
 
-        torch.set_num_threads(1)  # of PyTorch in a run: more wait for each other
-        large_scenes = min(num_scenes, local_large_scenes)
-        pools: ScenePools = {
-            "map": page_scene_sets("map", num_scenes, large_scenes),
-            "local": page_scene_sets("local", num_scenes, large_scenes),
-        }
-        entrants, damaged = result_of_runs(runs, pools, jobs, "playing")
-        left_out += damaged
-        if not entrants:
-            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
-            raise ValueError(
-                f"no run over many scenes below {str(folder)!r} can be played{reasons}"
-            )
+        torch.set_num_threads(1)  # more wait for each other
+        sizes: dict[Track, int] = {"map": num_scenes, "local": local_scenes}
+        facts = facts_of(sizes)
+        policies = policies_of(runs)
+        trials = [each for policy in policies for each in policy.trials(sizes, facts).values()]
+        found = play_all(trials, facts, _folder_of(kept), jobs, "playing")
 
-        entrants += [
-            result_of_reference(name, pools["local"], folder / "references")
-            for name in PAGE_REFERENCES
-        ]
-        record, scores = record_of(entrants, left_out, pools)
-        record["pretrained"] = _pretrained(num_scenes)
+        entrants, damaged = results_of(policies, sizes, facts, found)
+        left_out += damaged
+        if runs and not any(each.runs for each in entrants):
+            reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
+            raise ValueError(f"no run below {str(folder)!r} can be played{reasons}")
+
+        shown: TrackFacts = {
+            track: {name: facts[name, scenes_of(name, track, size)] for name in PAGE_SETS}
+            for track, size in sizes.items()
+        }
+        record, scores = record_of(entrants, left_out, shown)
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
+        record["playing"] = playing_seconds(policies, found)
+        record["earlier"] = earlier_of(out / "generalisation.json", record)
+        record = estimated_anew(record, scores)
         figures = {
-            "scenes.png": draw_scenes_curve(record["entrants"]),
-            "gallery.png": gallery(entrants, pools),
+            "scenes.png": draw_scenes_curve(record),
+            "gallery.png": gallery(entrants),
         }
         write(record, figures, out)
         scores.write(out / SCORES)
@@ -135,20 +126,32 @@ def main(
     return 0
 
 
-def rewrite(out: Path, num_scenes: int) -> None:
-    """Score the pretrained models on scenes of their own set, and put them on the page that is
-    there.
+def facts_of(sizes: Mapping[Track, int]) -> dict[tuple[str, int], SetFacts]:
+    """Of all sets in the numbers of scenes that the tracks play."""
+    asked = [
+        (name, scenes_of(name, track, size)) for name in PAGE_SETS for track, size in sizes.items()
+    ]
+    return {each: SetFacts.of(page_scene_set(*each)) for each in dict.fromkeys(asked)}
+
+
+def policies_of(runs: Sequence[Any]) -> list[Policy]:
+    """All that stands on the page: runs, models of ``models/`` that are none of those that play all
+    sets, and references.
     """
-    content = read_file(out / "generalisation.json", DATA_BYTES)
-    record = json.loads(content)
-    record["pretrained"] = _pretrained(num_scenes)
-    write(record, {}, out)
+    played = [Policy.of_run(run) for run in runs]
+    seeds = {each.model for each in played if each.sets == list(PAGE_SETS)}
+    pretrained = [Policy.of_pretrained(each) for each in Models.read(MODELS).generalists]
+    references = [Policy.of_reference(name) for name in PAGE_REFERENCES]
+
+    return [*played, *(each for each in pretrained if each.model not in seeds), *references]
 
 
-def _pretrained(num_scenes: int) -> dict[str, Any]:
-    torch.set_num_threads(1)
-    scores = score_pretrained(PRETRAINED_SET, build_scene_set(PRETRAINED_SET, num_scenes))
-    return {**scores, "commit": provenance.commit()}
+def _folder_of(kept: Path | None) -> Path | None:
+    if kept is not None:
+        return kept
+
+    cache = cache_folder()
+    return None if cache is None else cache / "played"
 
 
 def write(record: dict[str, Any], figures: dict[str, bytes], out: Path) -> None:
@@ -159,45 +162,23 @@ def write(record: dict[str, Any], figures: dict[str, bytes], out: Path) -> None:
     write_file(out / "generalisation.md", unseen_page(record, FIGURES).encode())
 
 
-def page_scene_sets(track: Track, num_scenes: int, local_large_scenes: int) -> dict[str, SceneSet]:
-    """The sets that a track is scored on."""
-    sizes = dict.fromkeys(SETS, num_scenes)
-    if track == "local":
-        sizes[LARGE] = local_large_scenes
-
-    found = {name: build_scene_set(name, size) for name, size in sizes.items()}
-    if track == "map":
-        found[LARGEST] = largest_scene_set(min(LARGEST_SCENES, num_scenes))
-
-    return {**found, "paper": paper_scene_set()}
-
-
-@lru_cache(maxsize=1)
-def largest_scene_set(scenes: int) -> SceneSet:
-    """Scenes of four times the usual sides, with as many boxes for the area: maps of 112 to 160
-    cells a side.
-    """
-    level = Difficulty(sides=(56.0, 80.0), boxes=(48, 192))
-    drawn = [generate_scene(np.random.default_rng([160, n]), level) for n in range(scenes)]
-    return scene_set_of(drawn, [f"large-{n}" for n in range(scenes)], frame=(160, 160))
-
-
 def record_of(
-    entrants: Sequence[PolicyResult], left_out: Sequence[LeftOut], pools: ScenePools
+    entrants: Sequence[PolicyResult], left_out: Sequence[LeftOut], facts: TrackFacts
 ) -> tuple[dict[str, Any], SceneScores]:
-    """All that the page tells, as JSON holds it, and the scores that its figures come from."""
-    told = [_entrant_record(each, pools[each.track]) for each in entrants]
+    """What the page tells, as JSON holds it, but for its figures, and the scores that these come
+    from.
+    """
+    told = [_entrant_record(each, facts[each.track]) for each in entrants]
     tables = {
         key_of(record): {name: each.table(name, lambda one: one.spl) for name in each.episodes}
         for record, each in zip(told, entrants, strict=True)
     }
-    scores = SceneScores.of(tables, pools)
     record = {
-        "format_version": 1,
+        "format_version": 2,
         "hard": HARD,
         "sets": {
-            track: {name: _set_record(pool) for name, pool in some.items()}
-            for track, some in pools.items()
+            track: {name: _set_record(each) for name, each in some.items()}
+            for track, some in facts.items()
         },
         "entrants": told,
         "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],
@@ -205,27 +186,58 @@ def record_of(
         **origins([run for each in entrants for run in each.runs]),
     }
 
-    return estimated_anew(record, scores), scores
+    return record, SceneScores.of(tables, facts)
 
 
-def gallery(entrants: Sequence[PolicyResult], pools: ScenePools) -> bytes:
+def earlier_of(file: Path, record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Earlier runs on the page that is there, whose files are gone: of algorithms that this record
+    has no runs of.
+    """
+    if not file.exists():
+        return []
+
+    kept: dict[str, Any] = json.loads(read_file(file, DATA_BYTES))
+    run_anew = {each["algorithm"] for each in record["entrants"] if each["is_run"]}
+
+    return [each for each in kept.get("earlier", ()) if each["algorithm"] not in run_anew]
+
+
+def playing_seconds(policies: Sequence[Policy], found: Found) -> dict[str, float]:
+    """Seconds on one core that all episodes took when they were played, by track."""
+    tracks = {each.source: each.track for each in policies}
+    seconds = {"map": 0.0, "local": 0.0}
+    for trial, outcome in found.items():
+        if isinstance(outcome, Episodes):
+            seconds[tracks[trial.policy]] += outcome.seconds
+
+    return seconds
+
+
+def gallery(entrants: Sequence[PolicyResult]) -> bytes:
     """Four test scenes of one policy in a row: two long detours that it mastered, and its two
     worst.
     """
     sceneries = []
-    shown = [next((each for each in entrants if each.algorithm == name), None) for name in GALLERY]
+    shown = [
+        next((each for each in entrants if each.algorithm == name and not each.family), None)
+        for name in GALLERY
+    ]
 
     for each in shown:
         if each is None:
             continue
 
-        pool = pools[each.track]["test"]
-        run = each.runs[0]
-        policy = run.load_model()
-        observation = observation_of(run.config.algorithm)
+        spl = each.episodes["test"][0].spl
+        pool = page_scene_set("test", len(spl))
+        policy = (
+            each.runs[0].load_model()
+            if each.runs
+            else load_pretrained(each.algorithm, scenes=pool).policy
+        )
+        observation = observation_of(each.algorithm)
         env = gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, observation=observation)
 
-        for n in choose_scenes(each.episodes["test"][0].spl, detours(pool)):
+        for n in choose_scenes(spl, detours(pool)):
             episode = roll_out(policy, env, options={"scene_id": n})
             inner: Any = env.unwrapped
             sceneries.append(
@@ -235,28 +247,34 @@ def gallery(entrants: Sequence[PolicyResult], pools: ScenePools) -> bytes:
     return draw_gallery(sceneries)
 
 
-def _set_record(pool: SceneSet) -> dict[str, Any]:
+def _set_record(facts: SetFacts) -> dict[str, Any]:
     return {
-        "scenes": len(pool),
-        "cells": list(pool.shape),
-        "hard": int((detours(pool) > HARD).sum()),
+        "scenes": len(facts),
+        "cells": list(facts.shape),
+        "hard": int(facts.is_hard.sum()),
+        "longest": float(facts.oracle_distance.max()),
     }
 
 
-def _entrant_record(entrant: PolicyResult, pools: Mapping[str, SceneSet]) -> dict[str, Any]:
+def _entrant_record(entrant: PolicyResult, facts: Mapping[str, SetFacts]) -> dict[str, Any]:
     return {
         "algorithm": entrant.algorithm,
         "name": entrant.name,
+        "group": entrant.group,
         "track": entrant.track,
         "training_scenes": entrant.scenes,
-        "seeds": entrant.seeds,
-        "models": [run.manifest.models["best"].sha256 for run in entrant.runs],
+        "split": entrant.split,
+        "learned_on": None if entrant.split is None else learned_on(entrant.split),
+        "family": entrant.family,
+        "is_run": bool(entrant.runs),
+        "seeds": list(entrant.seeds),
+        "models": list(entrant.models),
         **_pace(entrant),
-        "paper": _paper(entrant, pools["paper"]) if "paper" in entrant.episodes else None,
+        "paper": _paper(entrant, facts["paper"]) if "paper" in entrant.episodes else None,
     }
 
 
-def _paper(entrant: PolicyResult, pool: SceneSet) -> list[dict[str, Any]]:
+def _paper(entrant: PolicyResult, facts: SetFacts) -> list[dict[str, Any]]:
     """The paper's scene at each of its targets: seeds that reached the goal, and the mean ratio of
     these.
     """
@@ -267,14 +285,14 @@ def _paper(entrant: PolicyResult, pool: SceneSet) -> list[dict[str, Any]]:
         ]
         ratios = [float(each.ratios[n]) for each in won]
         return {
-            "target_db": float(pool.target_db[n]),
+            "target_db": float(facts.target_db[n]),
             "successes": len(won),
             "exact": sum(ratio <= 1.0 + TOLERANCE for ratio in ratios),
             "of": len(entrant.episodes["paper"]),
             "ratio": float(np.mean(ratios)) if ratios else None,
         }
 
-    return [at_target(n) for n in range(len(pool))]
+    return [at_target(n) for n in range(len(facts))]
 
 
 def _pace(entrant: PolicyResult) -> dict[str, float | None]:

@@ -76,8 +76,7 @@ def _budget(path: Path, out: Path) -> None:
 
 
 def _generalisation(path: Path, out: Path) -> None:
-    scores = SceneScores.read(out / SCORES) if (out / SCORES).exists() else None
-    record = unseen_anew(_read(path), scores)
+    record = unseen_anew(_read(path), SceneScores.read(out / SCORES))
     _write(record, path)
     write_file(out / "generalisation.md", unseen_page(record, UNSEEN_FIGURES).encode())
 

@@ -25,7 +25,7 @@ from agents.runs.pretrained import (
 from agents.runs.problem import Problem
 from agents.runs.run_folder import Run
 from eval.scoreboard.results import Result, find_runs, read_results, tell_left_out
-from eval.unseen.policy_results import find_generalists
+from eval.unseen.policy_results import family_left_out, find_generalists
 from irs_gym.radio.scene import scene_names
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def main(
 
     Best is the shortest path, then the fewest steps to the optimum; of agents that learned on many
     scenes, the greatest SPL on the scenes that they were tested on, and of equals the most training
-    scenes. Other models stay as they are.
+    scenes; those that a family was left out for are not asked. Other models stay as they are.
 
     Parameters
     ----------
@@ -73,7 +73,11 @@ def main(
         runs, _ = find_generalists(folder)
         known = {run.folder for run in runs}
         others = [each for each in find_runs(folder) if each not in known]
-        runs = [run for run in runs if run.config.algorithm in algorithms]
+        runs = [
+            run
+            for run in runs
+            if run.config.algorithm in algorithms and not family_left_out(run.config.env["split"])
+        ]
         results, left_out = read_results(track(others, "reading runs", transient=True))
         wanted = [each for each in results if each.config.algorithm in algorithms]
         chosen = choose_results(wanted)

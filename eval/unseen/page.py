@@ -8,23 +8,25 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eval.estimates import estimate_cell
 from eval.markdown import code, table, template, template_sections, text
 from eval.origin import commands_block, origin_text
 from eval.pictures import as_png
+from eval.unseen.page_sets import PAGE_SETS
 from eval.unseen.policy_results import is_point
-from eval.unseen.scene_scores import RIVALS
+from eval.unseen.set_tables import (
+    NOTHING,
+    clear_table,
+    difference_tables,
+    left_out_tables,
+    score_cell,
+    shipped_tables,
+    spl_tables,
+    success_table,
+    whole_number,
+)
 
 FIGURES = "figures/generalisation"  # beside the page
-KINDS = {  # of scenes, by the name of a set
-    "test": "the training scenes' kind",
-    "ood-clutter": "13 to 24 boxes, more than in any training scene",
-    "ood-irs": "no panel, two, or one with fewer or more elements than any training scene's",
-    "ood-size": "twice the sides, and as many boxes for the area",
-    "ood-rooms": "walls with doors: 4 to 10 rooms, and 4 boxes at most",
-    "paper": "the paper's scene at five targets",
-}
-LARGEST_KIND = "four times the sides, and as many boxes for the area"
+EARLIER_SETS = ("test", "ood-clutter", "ood-irs", "ood-size")
 
 
 def unseen_page(record: Mapping[str, Any], figures: str) -> str:
@@ -34,47 +36,52 @@ def unseen_page(record: Mapping[str, Any], figures: str) -> str:
     shown = [
         each
         for each in record["entrants"]
-        if not is_point(each["algorithm"], each["training_scenes"])
+        if not each["is_run"]
+        or not is_point(each["algorithm"], each["split"], each["training_scenes"])
     ]
     on_map = [each for each in shown if each["track"] == "map"]
     local = [each for each in shown if each["track"] == "local"]
-    sets = record["sets"]
+    left_out = record["left_out_families"]
     rates = record["throughput"]
+    minutes = {track: seconds / 60 for track, seconds in record["playing"].items()}
 
     return template("generalisation.md").format(
         commands=commands_block(record["commands"]),
-        sets=_sets_rows(sets["map"]),
+        sets=_sets_table(record["sets"]),
         hard=record["hard"],
-        map_scores=_scores_table(on_map),
-        map_elsewhere=_elsewhere_table(on_map, sets["map"]),
-        large_scenes=sets["local"]["ood-size"]["scenes"],
-        local_scores=_scores_table(local),
-        local_elsewhere=_elsewhere_table(local, sets["local"]),
-        intervals=_intervals_text(record["over"], "all"),
-        differences=_intervals_text(record["over"], "differences"),
-        clear=_clear_table(local, sets["local"]),
-        shipped=_shipped_table(record),
-        pretrained=_pretrained_section(record.get("pretrained")),
+        map_agents=_agents_table(on_map),
+        map_spl=spl_tables(on_map),
+        map_success=success_table(on_map),
+        local_agents=_agents_table(local),
+        local_spl=spl_tables(local),
+        local_success=success_table(local),
+        differences=difference_tables(local),
+        left_out_families=left_out_tables(left_out, local, "local"),
+        clear=clear_table(local, left_out),
+        shipped=shipped_tables(record["shipped"], record["entrants"]),
         paper=_paper_table([*on_map, *local]),
-        curve=_curve_table(record["entrants"]),
+        curve=_curve_table(curve_of(record)),
+        earlier=_earlier_section(record["earlier"]),
         figures=figures,
         scenes=rates["scenes_per_second"],
         maps=rates["maps"],
         steps_64=rates["steps_per_second"]["64"] / 1e6,
         steps_1024=rates["steps_per_second"]["1024"] / 1e6,
         load=rates["load_before"],
+        map_minutes=minutes["map"],
+        local_minutes=minutes["local"],
         left_out=_left_out_table(record["left_out"]),
         origin=origin_text(record),
     )
 
 
-def draw_scenes_curve(entrants: Sequence[Mapping[str, Any]]) -> bytes:
+def draw_scenes_curve(record: Mapping[str, Any]) -> bytes:
     """Test SPL of the planning network over training scenes: the mean and each seed."""
     figure = Figure(figsize=(6.0, 3.2), layout="constrained")
     axes = figure.add_subplot()
 
     for subset, colour in (("all", "C0"), ("hard", "C1")):
-        _draw_subset(axes, curve_of(entrants), subset, colour)
+        _draw_subset(axes, curve_of(record), subset, colour)
 
     axes.set(xscale="log", xlabel="training scenes", ylabel="SPL")
     axes.grid(alpha=0.3)
@@ -101,199 +108,85 @@ def _draw_subset(
         axes.plot([n] * len(seeds), seeds, ".", color=colour, alpha=0.4)
 
 
-def curve_of(entrants: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The planning networks that differ in the number of training scenes alone."""
-    planners = [
-        each
-        for each in entrants
-        if each["algorithm"] == "planner" and "encoding margin" not in each["name"]
-    ]
-    return sorted(planners, key=lambda each: each["training_scenes"])
+def curve_of(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The planning networks that differ in the number of usual training scenes alone; those of
+    earlier runs where there are no others.
+    """
+
+    def found(entrants: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+        planners = [
+            each
+            for each in entrants
+            if each["algorithm"] == "planner"
+            and each["learned_on"] == "usual"
+            and each["seeds"]
+            and "encoding margin" not in each["name"]
+        ]
+        return sorted(planners, key=lambda each: each["training_scenes"])
+
+    own = found(record["entrants"])
+    return own if len(own) > 1 else found(record["earlier"]) or own
 
 
 # --- tables ---------------------------------------------------------------------------------------
 
 
-def _sets_rows(sets: Mapping[str, Any]) -> str:
+def _sets_table(sets: Mapping[str, Mapping[str, Any]]) -> str:
+    """What each set is, and how many of its scenes are played."""
     rows = []
 
-    for name, each in sets.items():
+    for name, each in sets["map"].items():
         columns, lines = each["cells"]
-        kind = KINDS.get(name, LARGEST_KIND)
+        local = sets["local"][name]["scenes"]
+        hard = f"{each['hard'] / each['scenes']:.0%}"
         rows.append(
-            f"| {name} | {each['scenes']:,} | {columns} x {lines} | {each['hard']} | {kind} |"
+            (
+                name,
+                f"{each['scenes']:,}",
+                f"{local:,}",
+                f"{columns}x{lines}",
+                hard,
+                f"{each['longest']:.0f}",
+                PAGE_SETS[name].what,
+            )
         )
-
-    return "\n".join(rows)
-
-
-def _pretrained_section(found: Mapping[str, Any] | None) -> str:
-    """How the models that come with the package do on the set of rooms; nothing where it was not
-    asked.
-    """
-    if found is None:
-        return ""
 
     header = (
-        *("policy", "sees", "success", "SPL", "ratio", "exact"),
-        *("success, hard", "SPL, hard"),
+        *("set", "scenes, map track", "local track", "cells", "hard", "longest way (m)"),
+        "what it is",
     )
-    rows = [
-        (
-            text(each["name"]),
-            "the map" if each["track"] == "map" else "a patch",
-            *(_plain_cell(each["all"][name]) for name in ("success", "spl", "ratio", "exact")),
-            *(_plain_cell(each["hard"][name]) for name in ("success", "spl")),
-        )
-        for each in found["rows"]
-    ]
-
-    section = template_sections("rooms.md")["Rooms with doors"].strip()
-    return section.format(
-        set=found["set"], scenes=found["scenes"], hard=found["hard"], rows=table(header, rows)
-    )
-
-
-def _plain_cell(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4f}"
-
-
-def _intervals_text(over: str, of: str) -> str:
-    """What intervals are over, in words: all, or those of differences."""
-    section = template_sections("unseen_intervals.md")[f"{of}, over {over}"]
-    return section.partition("\n")[2].strip()
-
-
-def _shipped_table(record: Mapping[str, Any]) -> str:
-    """The models that come with the package beside the means of their seeds, on each set."""
-    if not record["shipped"]:
-        return "None of the models in `models/` is one of the seeds above."
-
-    entrants = {(each["name"], each["training_scenes"]): each for each in record["entrants"]}
-    names = [name for name in KINDS if any(name in each["spl"] for each in record["shipped"])]
-    names = [name for name in names if name != "paper"]
-    rows = []
-
-    for each in record["shipped"]:
-        entrant = entrants[each["name"], each["training_scenes"]]
-        row = [
-            text(each["name"]),
-            _whole_number(each["training_scenes"]),
-            f"{each['seed']}, of {each['chosen_among']} runs",
-            f"{each['validation_spl']:.4f}",
-        ]
-        for name in names:
-            if name not in each["spl"]:
-                row.append("–")
-                continue
-
-            mean = entrant["sets"][name]["all"]["spl"]["value"]
-            row.append(f"{_score_cell(each['spl'][name])}<br>(seeds: {mean:.4f})")
-
-        rows.append(row)
-
-    header = ("policy", "training scenes", "seed", "validation SPL", *names)
     return table(header, rows)
 
 
-def _clear_table(entrants: Sequence[Mapping[str, Any]], sets: Mapping[str, Any]) -> str:
-    """On which sets a learned policy differs from a rival, and on which that is open."""
-    rivals = _rivals(entrants)
+def _agents_table(entrants: Sequence[Mapping[str, Any]]) -> str:
+    """What each policy learned on, what that took, and more of what it did on the test scenes."""
     rows = []
 
     for each in entrants:
-        for rival in rivals if each["seeds"] else ():
-            found: dict[str, list[str]] = {"above": [], "below": [], "open": []}
+        if each["family"] is not None:
+            continue
 
-            for name in sets:
-                if name != "paper" and name in each["sets"]:
-                    interval = each["sets"][name]["all"][rival]["interval"]
-                    found[_side(interval)].append(name)
-
-            cells = (", ".join(names) or "–" for names in found.values())
-            rows.append((text(each["name"]), rival.replace("_", " "), *cells))
-
-    return table(("policy", "difference", "above zero", "below zero", "open"), rows)
-
-
-def _side(interval: Sequence[float] | None) -> str:
-    """Where an interval of a difference lies."""
-    if interval is None or interval[0] <= 0.0 <= interval[1]:
-        return "open"
-
-    return "above" if interval[0] > 0.0 else "below"
-
-
-def _rivals(entrants: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Whom they are compared with: ``"over_replanning"`` and so on."""
-    return [
-        name
-        for name in RIVALS.values()
-        if any(name in each["sets"]["test"]["all"] for each in entrants)
-    ]
-
-
-def _rival_titles(rivals: Sequence[str]) -> list[str]:
-    return [name.replace("_", " ") for name in rivals]
-
-
-def _scores_table(entrants: Sequence[Mapping[str, Any]]) -> str:
-    """Scores on the test scenes, and what training took."""
-    rivals = _rivals(entrants)
-    header = [
-        *("policy", "training scenes", "seeds", "success", "SPL", "ratio", "exact"),
-        *("success, hard", "SPL, hard"),
-        *_rival_titles(rivals),
-        *("steps/s", "seconds"),
-    ]
-    rows = []
-
-    for each in entrants:
         whole = each["sets"]["test"]["all"]
         hard = each["sets"]["test"].get("hard")
-        row = [
-            text(each["name"]),
-            _whole_number(each["training_scenes"]),
-            len(each["seeds"]) or "",
-            _score_cell(whole["success"]),
-            _score_cell(whole["spl"]),
-            _ratio_cell(whole["ratio"]),
-            f"{whole['exact']:.3f}",
-            _score_cell(hard["success"] if hard else None),
-            _score_cell(hard["spl"] if hard else None),
-        ]
-        row += [_difference_cell(whole.get(name)) for name in rivals]
-        row += [_whole_number(each["steps_per_second"]), _whole_number(each["seconds"])]
-        rows.append(row)
+        rows.append(
+            (
+                text(each["name"]),
+                each["learned_on"] or "",
+                whole_number(each["training_scenes"]),
+                len(each["seeds"]) or "",
+                whole_number(each["steps_per_second"]),
+                whole_number(each["seconds"]),
+                _ratio_cell(whole["ratio"]),
+                f"{whole['exact']:.3f}",
+                score_cell(hard["success"] if hard else None),
+                score_cell(hard["spl"] if hard else None),
+            )
+        )
 
-    return table(header, rows)
-
-
-def _elsewhere_table(entrants: Sequence[Mapping[str, Any]], sets: Mapping[str, Any]) -> str:
-    """Success and SPL on the sets of other kinds."""
-    names = [name for name in sets if name not in ("test", "paper")]
-    rivals = _rivals(entrants)
-    rows = []
-
-    for each in entrants:
-        row = [text(each["name"])]
-
-        for name in names:
-            found = each["sets"].get(name)
-            if found is None:  # it cannot play maps of this size
-                row += ["–"] * (1 + len(rivals))
-                continue
-
-            whole = found["all"]
-            row.append(f"{whole['success']['value']:.3f}, {_score_cell(whole['spl'])}")
-            row += [_difference_cell(whole.get(rival)) for rival in rivals]
-
-        rows.append(row)
-
-    header = ["policy"]
-    for name in names:
-        header += [name, *_rival_titles(rivals)]
-
+    header = (
+        *("policy", "learned on", "training scenes", "seeds", "steps/s", "seconds"),
+        *("ratio", "exact", "success, hard", "SPL, hard"),
+    )
     return table(header, rows)
 
 
@@ -311,22 +204,48 @@ def _paper_table(entrants: Sequence[Mapping[str, Any]]) -> str:
     return table(header, rows)
 
 
-def _curve_table(entrants: Sequence[Mapping[str, Any]]) -> str:
+def _curve_table(planners: Sequence[Mapping[str, Any]]) -> str:
     rows = []
 
-    for each in curve_of(entrants):
+    for each in planners:
         test = each["sets"]["test"]
         rows.append(
             (
-                _whole_number(each["training_scenes"]),
+                whole_number(each["training_scenes"]),
                 len(each["seeds"]),
-                _score_cell(test["all"]["success"]),
-                _score_cell(test["all"]["spl"]),
-                _score_cell(test["hard"]["spl"] if "hard" in test else None),
+                score_cell(test["all"]["success"]),
+                score_cell(test["all"]["spl"]),
+                score_cell(test["hard"]["spl"] if "hard" in test else None),
             )
         )
 
     return table(("training scenes", "seeds", "success", "SPL", "SPL, hard"), rows)
+
+
+def _earlier_section(earlier: Sequence[Mapping[str, Any]]) -> str:
+    """What is left of runs whose files are gone; nothing where there are none."""
+    shown = [
+        each
+        for each in earlier
+        if not is_point(each["algorithm"], each["split"], each["training_scenes"])
+    ]
+    if not shown:
+        return ""
+
+    rows = []
+    for each in shown:
+        sets = [each["sets"].get(name, {}).get("all") for name in EARLIER_SETS]
+        rows.append(
+            (
+                text(each["name"]),
+                whole_number(each["training_scenes"]),
+                len(each["seeds"]),
+                *(score_cell(found["spl"]) if found else NOTHING for found in sets),
+            )
+        )
+
+    section = template_sections("unseen_earlier.md")["Earlier runs"].strip()
+    return section.format(rows=table(("policy", "training scenes", "seeds", *EARLIER_SETS), rows))
 
 
 def _left_out_table(left_out: Sequence[Mapping[str, Any]]) -> str:
@@ -337,21 +256,5 @@ def _left_out_table(left_out: Sequence[Mapping[str, Any]]) -> str:
     return table(("folder", "why"), rows)
 
 
-# --- cells ----------------------------------------------------------------------------------------
-
-
-def _score_cell(found: Mapping[str, Any] | None) -> str:
-    return estimate_cell(found, "{:.4f}".format)
-
-
-def _difference_cell(found: Mapping[str, Any] | None) -> str:
-    """With the sign, also where it is plus."""
-    return estimate_cell(found, "{:+.4f}".format)
-
-
 def _ratio_cell(ratio: float | None) -> str:
-    return "–" if ratio is None else f"{ratio:.4f}"
-
-
-def _whole_number(value: float | None) -> str:
-    return "" if value is None else f"{value:,.0f}"
+    return NOTHING if ratio is None else f"{ratio:.4f}"

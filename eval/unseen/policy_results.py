@@ -2,43 +2,56 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from functools import cache
 from hashlib import sha256
-from io import BytesIO
 from math import inf
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from rich.progress import track
 
+from agents.learning.local_configs import ExplorerConfig
+from agents.learning.map_configs import PlannerConfig
+from agents.learning.map_learner import first_network
 from agents.registry import ALGORITHMS, observation_of
 from agents.rollout.scene_set import SceneSetResults
-from agents.runs.manifest import GeneralistEntry
+from agents.runs.manifest import Config, GeneralistEntry
+from agents.runs.pretrained import GeneralistPretrainedEntry
 from agents.runs.run_folder import Run, RunError
 from eval.scoreboard.results import COMPLETE, LeftOut, find_runs, read_curve, settings_text
-from eval.unseen.scores import Player, player_of, reference
-from irs_gym.datasets.generator import VERSION
-from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.files import read_arrays, write_file
+from eval.unseen.page_sets import PAGE_SETS, SetFacts, Track, scenes_of
+from eval.unseen.played import Found, Trial
+from eval.unseen.scores import UNSEEN_REFERENCES, reference
+from irs_gym.datasets.splits import FAMILIES, all_but, members_of
 
-Track = Literal["map", "local"]
 USUAL_SCENES = 3000
 REFERENCE_TITLES = {
+    "untrained_planner": "planning network, untrained",
     "replanning": "optimistic replanning",
     "untrained_explorer": "explorer, untrained",
     "greedy": "greedy (octile)",
     "greedy_margin": "greedy on the margin",
 }
+PAGE_REFERENCES = tuple(name for name in REFERENCE_TITLES if name in UNSEEN_REFERENCES)
+_UNTRAINED: Mapping[str, Any] = {
+    "untrained_planner": PlannerConfig,
+    "untrained_explorer": ExplorerConfig,
+}
+# Where an agent learns makes no other of it.
+_NO_SETTINGS = ("device",)
+
+Sizes = Mapping[Track, int]
+"""How many scenes of each set a track is scored on, where there are as many."""
+Facts = Mapping[tuple[str, int], SetFacts]
+"""By the name of a set and the number of its scenes."""
 
 
 @dataclass(frozen=True, eq=False)
 class PolicyResult:
-    """Runs that differ in the seed alone, or a reference policy.
+    """Runs that differ in the seed alone, a model of ``models/``, or a reference policy.
 
     Attributes
     ----------
@@ -46,23 +59,35 @@ class PolicyResult:
         What it is, how it is called on the page, and what it sees.
     scenes
         Training scenes; None for a reference.
+    split
+        What it learned on; None for a reference.
+    seeds
+        Of the runs, in order; that of a model of ``models/``; none for a reference.
+    models
+        SHA-256 of the file of each.
     runs
-        In the order of their seeds; none for a reference.
+        In the order of their seeds; none for what has no run folder.
     episodes
-        By the name of a set, one for each run; a set that it cannot play is missing.
+        By the name of a set, one for each seed; a set that it does not play is missing.
+    group
+        Its name but for the family that was left out of what it learned on.
     """
 
     algorithm: str
     name: str
     track: Track
     scenes: int | None
-    runs: tuple[Run, ...]
-    episodes: Mapping[str, Sequence[SceneSetResults]]
+    split: str | None = None
+    seeds: tuple[int, ...] = ()
+    models: tuple[str, ...] = ()
+    runs: tuple[Run, ...] = ()
+    episodes: Mapping[str, Sequence[SceneSetResults]] = field(default_factory=dict)
+    group: str = ""
 
     @property
-    def seeds(self) -> list[int]:
-        """Of the runs."""
-        return [run.config.seed for run in self.runs]
+    def family(self) -> str | None:
+        """The one that was left out of what it learned on."""
+        return None if self.split is None else family_left_out(self.split)
 
     def table(
         self, name: str, value: Callable[[SceneSetResults], NDArray[Any]]
@@ -71,8 +96,49 @@ class PolicyResult:
         return np.stack([value(each) for each in self.episodes[name]]).astype(np.float64)
 
 
-PlayedGroups = dict[tuple[str, str], list[tuple[Run, dict[str, SceneSetResults]]]]
-"""By algorithm and settings: the runs that differ in the seed alone, and what each did."""
+# --- what it learned on ---------------------------------------------------------------------------
+
+
+def family_left_out(split: str) -> str | None:
+    """The family that a split of `irs_gym.datasets.splits.all_but` leaves out; None for another."""
+    return next((each for each in FAMILIES if split == all_but(each)), None)
+
+
+def learned_on(split: str) -> str:
+    """A split to learn on, in words."""
+    family = family_left_out(split)
+    if split == "train":
+        return "usual"
+    if family is not None:
+        return f"all kinds but {family}"
+    if {*members_of(split)} == {"train", *(f"train-{each}" for each in FAMILIES)}:
+        return "all kinds"
+
+    return ", ".join(each.removeprefix("train-") for each in members_of(split))
+
+
+def sets_of(algorithm: str, split: str | None, scenes: int | None) -> list[str]:
+    """The sets that a policy is played on: of one that a family was left out for, that family; of
+    one that is but a point of the curve over training scenes, the test scenes.
+    """
+    family = None if split is None else family_left_out(split)
+    if family is not None:
+        return [f"ood-{family}"]
+    return ["test"] if is_point(algorithm, split, scenes) else list(PAGE_SETS)
+
+
+def is_point(algorithm: str, split: str | None, scenes: int | None) -> bool:
+    """Whether it is but a point of the planning network's curve over training scenes."""
+    usual = ALGORITHMS["planner"].env.get("num_scenes", USUAL_SCENES)
+    return algorithm == "planner" and split == "train" and scenes != usual
+
+
+def track_of(algorithm: str) -> Track:
+    """What an algorithm's policies see."""
+    return "map" if observation_of(algorithm) == "map" else "local"
+
+
+# --- runs -----------------------------------------------------------------------------------------
 
 
 def find_generalists(folder: Path) -> tuple[list[Run], list[LeftOut]]:
@@ -117,131 +183,169 @@ def pace(run: Run) -> tuple[float, float]:
     return steps, seconds
 
 
-def result_of_runs(
-    runs: Sequence[Run],
-    pools: Mapping[Track, Mapping[str, SceneSet]],
-    jobs: int = 1,
-    title: str | None = None,
-) -> tuple[list[PolicyResult], list[LeftOut]]:
-    """Play all runs on the sets of their tracks, so many at a time; what was played before is read
-    from their folders.
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A policy to be played: a run folder, a model of ``models/``, or a reference.
 
-    What is but a point of the curve over training scenes plays the test scenes alone. A progress
-    bar is shown where it has a title. A run that cannot be played is left out, whatever it raises.
+    Attributes
+    ----------
+    source
+        What `eval.unseen.played.Trial` calls it.
+    model
+        SHA-256 of its file, or what names a reference.
+    algorithm
+        Its own, or the reference's name.
+    config, run
+        Where it has learned.
     """
-    in_order = sorted(runs, key=lambda run: run.config.seed)
-    groups: PlayedGroups = {}
+
+    source: Path | str
+    model: str
+    algorithm: str
+    config: Config | None = None
+    run: Run | None = None
+
+    @classmethod
+    def of_run(cls, run: Run) -> "Policy":
+        """The best model of a run folder."""
+        sha256 = run.manifest.models["best"].sha256
+        return cls(run.folder, sha256, run.config.algorithm, run.config, run)
+
+    @classmethod
+    def of_pretrained(cls, entry: GeneralistPretrainedEntry) -> "Policy":
+        """A model that comes with the package."""
+        algorithm = entry.config.algorithm
+        return cls(algorithm, entry.sha256, algorithm, entry.config)
+
+    @classmethod
+    def of_reference(cls, name: str) -> "Policy":
+        """A reference; one that has not learned is named after its weights."""
+        return cls(name, untrained_sha256(name) if name in _UNTRAINED else name, name)
+
+    @property
+    def split(self) -> str | None:
+        """What it learned on."""
+        return self.config.env["split"] if self.config else None
+
+    @property
+    def scenes(self) -> int | None:
+        """How many."""
+        return self.config.env["num_scenes"] if self.config else None
+
+    @property
+    def track(self) -> Track:
+        """What it sees."""
+        is_map = (track_of if self.config else _sees)(self.algorithm) == "map"
+        return "map" if is_map else "local"
+
+    @property
+    def sets(self) -> list[str]:
+        """What it is played on: all, but for some runs."""
+        if self.run is None:
+            return list(PAGE_SETS)
+
+        return sets_of(self.algorithm, self.split, self.scenes)
+
+    def trials(self, sizes: Sizes, facts: Facts) -> dict[str, Trial]:
+        """What it plays, by the name of a set. A policy of SB3 sees maps of one size."""
+        found = {}
+        for name in self.sets:
+            count = scenes_of(name, self.track, sizes[self.track])
+            frames = [
+                facts[each, scenes_of(each, "map", sizes["map"])].shape for each in ("test", name)
+            ]
+            if self.algorithm != "map_ppo" or frames[0] == frames[1]:
+                found[name] = Trial(self.source, self.model, name, count)
+
+        return found
+
+
+def results_of(
+    policies: Sequence[Policy], sizes: Sizes, facts: Facts, found: Found
+) -> tuple[list[PolicyResult], list[LeftOut]]:
+    """What all policies did, runs that differ in the seed alone together; a run that could not be
+    played is left out.
+    """
     left_out = []
+    groups: dict[tuple[str, str], list[tuple[Policy, dict[str, SceneSetResults]]]] = {}
 
-    # PyTorch works outside of the interpreter's lock. Of its own threads one each is enough: more
-    # wait for each other.
-    threads = ThreadPoolExecutor(jobs, initializer=partial(torch.set_num_threads, 1))
+    for policy in sorted(policies, key=lambda each: each.config.seed if each.config else 0):
+        trials = policy.trials(sizes, facts)
+        played = {}
+        for name, trial in trials.items():
+            outcome = found[trial]
+            if isinstance(outcome, LeftOut):
+                left_out.append(outcome)
+                break
 
-    try:
-        playing = [
-            threads.submit(_play, run, pools[track_of(run.config.algorithm)]) for run in in_order
-        ]
-        shown = track(playing, title or "", transient=True, disable=title is None)
+            played[name] = outcome.results(facts[name, trial.count].oracle_distance)
+        else:
+            groups.setdefault(_group_of(policy), []).append((policy, played))
 
-        for run, played in zip(in_order, shown, strict=True):
-            try:
-                key = run.config.algorithm, _settings(run)
-                episodes = played.result()
-            except Exception as error:
-                left_out.append(LeftOut.of(run.folder, error))
-            else:
-                groups.setdefault(key, []).append((run, episodes))
-    finally:
-        threads.shutdown(wait=False, cancel_futures=True)  # a Ctrl-C does not wait for them
+    results = [_result_of_group(key, groups) for key in groups]
+    order = [*ALGORITHMS, *REFERENCE_TITLES]
+    results.sort(key=lambda each: (order.index(each.algorithm), each.name, each.scenes or 0))
 
-    order = list(ALGORITHMS)
-    entrants = [_result_of_group(groups, key) for key in groups]
-    entrants.sort(key=lambda each: (order.index(each.algorithm), each.name, each.scenes or 0))
-
-    return entrants, left_out
+    return results, left_out
 
 
-def _result_of_group(groups: PlayedGroups, key: tuple[str, str]) -> PolicyResult:
+def _group_of(policy: Policy) -> tuple[str, str]:
+    """What seeds of one row have in common: algorithm and settings."""
+    if policy.run is None:
+        return policy.algorithm, "as it is"
+
+    return policy.algorithm, _settings(policy.run)
+
+
+def _result_of_group(
+    key: tuple[str, str],
+    groups: Mapping[tuple[str, str], list[tuple[Policy, dict[str, SceneSetResults]]]],
+) -> PolicyResult:
     """One of the groups, named by what sets it apart from those of the same algorithm."""
     algorithm, settings = key
     found = groups[key]
     first, sets = found[0]
-    others = [json.loads(other) for name, other in groups if name == algorithm]
+
+    if first.config is None:
+        group = REFERENCE_TITLES[algorithm]
+    elif first.run is None:
+        group = f"{ALGORITHMS[algorithm].title}, pretrained"
+    else:
+        own = json.loads(settings)
+        others = [json.loads(each) for of, each in groups if of == algorithm and each[0] == "{"]
+        group = ", ".join([ALGORITHMS[algorithm].title, *_differences(own, others)])
+
+    family = None if first.split is None else family_left_out(first.split)
+    name = group if family is None else f"{group}, {learned_on(str(first.split))}"
 
     return PolicyResult(
         algorithm=algorithm,
-        name=", ".join([ALGORITHMS[algorithm].title, *_differences(json.loads(settings), others)]),
-        track=track_of(algorithm),
-        scenes=first.config.env["num_scenes"],
-        runs=tuple(run for run, _ in found),
+        name=name,
+        group=group,
+        track=first.track,
+        scenes=first.scenes,
+        split=first.split,
+        seeds=tuple(each.config.seed for each, _ in found if each.config),
+        models=tuple(each.model for each, _ in found if each.config),
+        runs=tuple(each.run for each, _ in found if each.run),
         episodes={name: [each[name] for _, each in found] for name in sets},
     )
 
 
-def result_of_reference(name: str, pools: Mapping[str, SceneSet], folder: Path) -> PolicyResult:
-    """Play a reference of the local track; what was played before is read from the folder."""
-    player = reference(name)
-    episodes = {
-        each: [kept(folder / f"{name}-{each}.npz", pool, "", player)]
-        for each, pool in pools.items()
-    }
-    return PolicyResult(name, REFERENCE_TITLES[name], "local", None, (), episodes)
+@cache
+def untrained_sha256(name: str) -> str:
+    """SHA-256 of settings and weights of a reference that has a network."""
+    torch.manual_seed(0)
+    config = _UNTRAINED[name]()
+    digest = sha256(repr(config).encode())
+    for key, each in first_network(config).state_dict().items():
+        digest.update(key.encode() + each.numpy().tobytes())
+
+    return digest.hexdigest()
 
 
-def is_point(algorithm: str, scenes: int | None) -> bool:
-    """Whether it is but a point of the planning network's curve over training scenes."""
-    return algorithm == "planner" and scenes != USUAL_SCENES
-
-
-def track_of(algorithm: str) -> Track:
-    """What an algorithm's policies see."""
-    return "map" if observation_of(algorithm) == "map" else "local"
-
-
-def kept(file: Path, pool: SceneSet, model: str, player: Player) -> SceneSetResults:
-    """Episodes from a file, if they are those of this model, generator and pool; else played, and
-    written there.
-    """
-    names = json.dumps([VERSION, model, pool.names]).encode()
-    key = sha256(names + pool.oracle_distance.tobytes()).hexdigest()
-    kept_before = _read_episodes(file, key, pool)
-    if kept_before is not None:
-        return kept_before
-
-    found = player.episodes(pool)
-    content = BytesIO()
-    np.savez_compressed(
-        content, key=np.array(key), is_success=found.is_success, distance=found.distance
-    )
-    file.parent.mkdir(parents=True, exist_ok=True)
-    write_file(file, content.getvalue())
-
-    return found
-
-
-def _read_episodes(file: Path, key: str, pool: SceneSet) -> SceneSetResults | None:
-    """Episodes from a file with that key; None where there is none, another's, or a damaged one."""
-    try:
-        arrays = read_arrays(file, needed=("key", "is_success", "distance"))
-    except (OSError, ValueError):
-        return None
-
-    is_success = arrays["is_success"]
-    distance = arrays["distance"]
-    is_whole = (
-        is_success.shape == distance.shape == (len(pool),)
-        and is_success.dtype == np.bool_
-        and distance.dtype == np.float64
-    )
-    if not is_whole or arrays["key"].tolist() != key:
-        return None
-
-    # NaN is in no range; who arrives has gone some way
-    in_range = np.all((distance >= 0) & (distance < np.inf))
-    if not in_range or np.any(is_success & (distance == 0)):
-        return None
-
-    return SceneSetResults(is_success, distance, pool.oracle_distance)
+def _sees(name: str) -> str:
+    return reference(name).sees
 
 
 def _check_generalist(run: Run) -> None:
@@ -249,6 +353,8 @@ def _check_generalist(run: Run) -> None:
     scenes = run.config.env.get("num_scenes")
     if not isinstance(scenes, int) or scenes < 1:
         raise RunError(f"num_scenes={scenes!r} in its config.json must be a positive integer")
+    if not isinstance(run.config.env.get("split"), str):
+        raise RunError("split in its config.json must name what it learned on")
     if not isinstance(run.manifest.models.get("best"), GeneralistEntry):
         raise RunError("its manifest lists no best model over many scenes")
 
@@ -256,28 +362,12 @@ def _check_generalist(run: Run) -> None:
     pace(run)
 
 
-def _play(run: Run, pools: Mapping[str, SceneSet]) -> dict[str, SceneSetResults]:
-    if is_point(run.config.algorithm, run.config.env["num_scenes"]):
-        pools = {"test": pools["test"]}
-
-    player = player_of(run)
-    played = {}
-
-    for name, pool in pools.items():
-        try:
-            played[name] = kept(
-                run.folder / f"unseen-{name}.npz", pool, run.manifest.models["best"].sha256, player
-            )
-        except ValueError:  # a policy of SB3 sees maps of one size
-            if run.config.algorithm != "map_ppo":
-                raise
-
-    return played
-
-
 def _settings(run: Run) -> str:
     """All that runs of one group share; of weights to begin with, that is whose they are."""
     agent = {**run.config.agent, "weights": _maker(run.config.agent.get("weights"))}
+    for name in _NO_SETTINGS:
+        agent.pop(name, None)
+
     return settings_text({"agent": agent, "env": run.config.env})
 
 
@@ -293,10 +383,18 @@ def _maker(weights: str | None) -> str | None:
 
 
 def _differences(own: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The agent's settings that set it apart from others of the same algorithm."""
+    """What sets it apart from others of the same algorithm: the agent's settings, and what it
+    learned on where that is not the same for all that no family was left out for.
+    """
     agents = [each["agent"] for each in others]
-    return [
+    found = [
         f"{name} {value}"
         for name, value in own["agent"].items()
         if value is not None and any(each.get(name) != value for each in agents)
     ]
+    split = own["env"]["split"]
+    splits = {each["env"]["split"] for each in others if not family_left_out(each["env"]["split"])}
+    if split in splits and len(splits) > 1:
+        found.append(learned_on(split))
+
+    return found

@@ -5,7 +5,14 @@ import pytest
 from scipy import stats
 
 from eval.coverage import CROSSED, LAWS, SEEDS, over_both, over_seeds
-from eval.statistics import FEW_SEEDS, UNBOUNDED, crossed_mean, estimate, estimate_median
+from eval.statistics import (
+    FEW_SEEDS,
+    UNBOUNDED,
+    crossed_mean,
+    estimate,
+    estimate_median,
+    mean_of_crossed,
+)
 
 LEAST, MOST = 0.93, 0.97
 
@@ -37,6 +44,25 @@ def test_interval_of_scenes_that_are_all_new_needs_the_scenes():
         for name, found in (("seeds", estimate(scores)), ("both", crossed_mean(scores))):
             held[name] += found.low <= 0 <= found.high
     assert held["seeds"] < 0.9 * 200 < held["both"]
+
+
+@pytest.mark.parametrize("spread", [(1.0, 1.0, 1.0), (0.1, 1.0, 0.3), (1.0, 0.0, 0.0)])
+@pytest.mark.parametrize("seeds", [2, 3])
+def test_interval_of_a_mean_over_families_holds_with_few_seeds_of_each(seeds, spread):
+    of_seeds, of_scenes, of_both = spread
+    rng = np.random.default_rng(seeds)
+    held = 0
+    for _ in range(1000):
+        tables = [
+            rng.normal(0, of_seeds, (seeds, 1))
+            + rng.normal(0, of_scenes, (1, 40)) / np.sqrt(seeds)
+            + rng.normal(0, of_both, (seeds, 40))
+            + 0.5
+            for _ in range(8)
+        ]
+        found = mean_of_crossed(tables)
+        held += found.low <= 0.5 <= found.high
+    assert 0.93 <= held / 1000 <= 0.98
 
 
 @pytest.mark.parametrize("seeds", [5, 6, 9, 10])

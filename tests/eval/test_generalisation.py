@@ -3,7 +3,7 @@ told.
 """
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from agents.learning.local_configs import ExplorerConfig
 from agents.learning.map_configs import PlannerConfig
 from agents.learning.map_learner import MapLearner
 from agents.policies.replanning import Replanner
-from agents.rollout.scene_set import SceneSetResults, play_scene_set
+from agents.rollout.scene_set import play_scene_set
 from agents.runs.manifest import Config
 from agents.runs.pretrained import (
     GeneralistPretrainedEntry,
@@ -25,38 +25,53 @@ from agents.runs.pretrained import (
     load_pretrained,
 )
 from agents.runs.run_folder import Run
+from eval import statistics
 from eval.commands import generalisation, intervals
-from eval.unseen import policy_results, throughput
+from eval.unseen import played, throughput
 from eval.unseen.gallery import choose_scenes
-from eval.unseen.page import unseen_page
-from eval.unseen.pretrained_scores import score_pretrained
-from eval.unseen.record import estimated_anew, shipped
-from eval.unseen.scene_scores import SceneScores, results_of
-from eval.unseen.scores import PAPER_TARGETS_DB, Player, detours, reference, score_unseen
+from eval.unseen.page_sets import (
+    PAGE_SETS,
+    WALL_DETOURS,
+    PageSet,
+    SetFacts,
+    checksum_of,
+    page_scene_set,
+    wall_scene_set,
+)
+from eval.unseen.played import Trial, play_all
+from eval.unseen.policy_results import Policy, family_left_out, learned_on
+from eval.unseen.record import estimated_anew
+from eval.unseen.scene_scores import (
+    FAMILY_SETS,
+    MEAN,
+    TOP,
+    SceneScores,
+    means_over_seeds,
+    packed,
+    results_of,
+)
+from eval.unseen.scores import PAPER_TARGETS_DB, detours, reference, score_unseen
 from irs_gym import load_scene
 from irs_gym.datasets import generator
-from irs_gym.datasets.scene_set import build_scene_set
+from irs_gym.datasets.splits import FAMILIES, SPLITS, all_but
 from irs_gym.oracle.shortest_path import distance_to_go
 
+DOCS = Path(__file__).parents[2] / "docs"
 POOL = tiny_pool(6, (12, 11))
-SCORE = {"scenes": 6, "success": 0.5, "spl": 0.25, "ratio": 1.125, "exact": None}
-PRETRAINED = {
-    "set": "ood-rooms",
-    "scenes": 6,
-    "hard": 4,
-    "rows": [
-        {"name": "U-Net", "track": "map", "chosen_among": 5, "all": SCORE, "hard": SCORE},
-        {"name": "replanning", "track": "local", "chosen_among": None, "all": SCORE, "hard": SCORE},
-    ],
-}
 SCENES = {"split": "train", "num_scenes": 3000, "test_split": "val", "test_scenes": 200}
+RATES = {
+    "load_before": 0.5,
+    "scenes_per_second": 12.0,
+    "steps_per_second": {"64": 1e6, "1024": 3e6},
+    "maps": 9,
+}
 
 
-def save(folder, config, seed, *, scenes=3000, spl=0.5):
+def save(folder, config, seed, *, scenes=3000, spl=0.5, split="train"):
     """A complete run of an agent that has hardly learned."""
     learner = MapLearner(config, tiny_pool(seed=seed), seed)
     learner.teacher.update(learner.pool, 0.0)
-    env = {**SCENES, "num_scenes": scenes}
+    env = {**SCENES, "num_scenes": scenes, "split": split}
     run = Run.create(
         folder,
         Config(algorithm=config.algorithm, seed=seed, env=env, agent=asdict(config), training={}),
@@ -69,53 +84,65 @@ def save(folder, config, seed, *, scenes=3000, spl=0.5):
     return run
 
 
-def generalisation_data():
-    """What the page in the documents was made of."""
-    return json.loads((Path(__file__).parents[2] / "docs" / "generalisation.json").read_text())
-
-
 @pytest.fixture
 def runs(tmp_path):
+    """Two seeds of a planner and of an explorer, a point of the curve, another setting, and an
+    explorer that mazes were left out for.
+    """
     planner, explorer = PlannerConfig(batch_scenes=4), ExplorerConfig(robots=4)
     for seed in (0, 1):
         save(tmp_path / f"runs/planner{seed}", planner, seed, spl=0.5 + seed / 4)
         save(tmp_path / f"runs/explorer{seed}", explorer, seed)
+        save(tmp_path / f"runs/no-maze{seed}", explorer, 2 + seed, split=all_but("maze"))
     save(tmp_path / "runs/few", planner, 0, scenes=10)
     save(tmp_path / "runs/margin", PlannerConfig(batch_scenes=4, encoding="margin"), 0)
     return tmp_path / "runs"
 
 
 @pytest.fixture
-def small(monkeypatch):
-    """Small pools in place of the sets, and no measuring of speed."""
-    monkeypatch.setattr(
-        generalisation,
-        "build_scene_set",
-        lambda name, scenes: tiny_pool(scenes, (12, 11), seed=len(name)),
-    )
-    monkeypatch.setattr(
-        generalisation, "largest_scene_set", lambda scenes: tiny_pool(2, (20, 20), seed=7)
-    )
-    monkeypatch.setattr(generalisation, "_pretrained", lambda scenes: PRETRAINED)
-    rates = {
-        "load_before": 0.5,
-        "scenes_per_second": 12.0,
-        "steps_per_second": {"64": 1e6, "1024": 3e6},
-        "maps": 9,
-    }
-    monkeypatch.setattr(generalisation, "throughput", lambda: rates)
+def small(monkeypatch, tmp_path):
+    """Small pools in place of some sets, no models that come with the package, and no measuring of
+    speed; returns what a set's scenes are.
+    """
+
+    def build(name):
+        side = 20 if name.startswith("160") else 12
+        return lambda scenes: tiny_pool(scenes, (side, side - 1), seed=len(name))
+
+    for name in ("ood-clutter", "ood-irs", "ood-size", "ood-rooms", "160x160-maze"):
+        monkeypatch.delitem(PAGE_SETS, name)
+    for name, each in PAGE_SETS.items():
+        if name != "paper":
+            few = PageSet(what=each.what, build=build(name), most=each.most, local=each.local)
+            monkeypatch.setitem(PAGE_SETS, name, few)
+
+    monkeypatch.setattr(generalisation, "MODELS", tmp_path / "no models")
+    monkeypatch.setattr(generalisation, "throughput", lambda: RATES)
+    monkeypatch.setenv("IRS_GYM_CACHE", str(tmp_path / "cache"))
+    page_scene_set.cache_clear()
+    yield build
+    page_scene_set.cache_clear()
+
+
+def record_of(monkeypatch, runs, docs, *words, gallery=False):
+    """What the command tells of some runs."""
+    if not gallery:
+        monkeypatch.setattr(generalisation, "gallery", lambda entrants: b"")
+    given = (runs, "--out", docs, "--jobs", 1, *words)
+    assert call(monkeypatch, "generalisation", *given) == 0
+    return json.loads((docs / "generalisation.json").read_text())
 
 
 def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, tmp_path):
-    words = ("--num-scenes", 8, "--local-large-scenes", 5, "--trained-by", "first; second")
-    assert call(monkeypatch, "generalisation", runs, "--out", tmp_path / "docs", *words) == 0
-    record = json.loads((tmp_path / "docs/generalisation.json").read_text())
+    words = ("--num-scenes", 8, "--local-scenes", 6, "--trained-by", "first; second")
+    record = record_of(monkeypatch, runs, tmp_path / "docs", *words, gallery=True)
     told = {(each["name"], each["training_scenes"]): each for each in record["entrants"]}
     assert set(told) == {
         ("planning network, imitation, encoding mask", 3000),
         ("planning network, imitation, encoding mask", 10),
         ("planning network, imitation, encoding margin", 3000),
         ("explorer: imitation with memory", 3000),
+        ("explorer: imitation with memory, all kinds but maze", 3000),
         ("optimistic replanning", None),
         ("explorer, untrained", None),
         ("greedy (octile)", None),
@@ -124,32 +151,34 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
     explorer = told["explorer: imitation with memory", 3000]
     assert explorer["seeds"] == [0, 1]
     assert (explorer["seconds"], explorer["steps_per_second"]) == (4.5, np.median([80 / 4, 80 / 5]))
-    pool = tiny_pool(8, (12, 11), seed=4)
+    assert set(explorer["sets"]) == {*PAGE_SETS, MEAN}
+    pool = small("ood-maze")(6)
     by_hand = [
         play_scene_set(Run.open(runs / f"explorer{seed}").load_model(), pool) for seed in (0, 1)
     ]
-    found = explorer["sets"]["test"]["all"]
-    assert found["spl_by_seed"] == pytest.approx([each.spl.mean() for each in by_hand])
+    found = explorer["sets"]["ood-maze"]["all"]
+    assert found["spl_by_seed"] == pytest.approx([each.spl.mean() for each in by_hand], abs=1e-5)
     assert found["success"]["value"] == pytest.approx(
         np.mean([each.is_success for each in by_hand])
     )
     rival = play_scene_set(Replanner(pool.shape, 5), pool)
     assert found["over_replanning"]["value"] == pytest.approx(
-        np.mean([each.spl - rival.spl for each in by_hand]), abs=1e-6
+        np.mean([each.spl - rival.spl for each in by_hand]), abs=1e-5
     )
-    assert [record["sets"]["local"][name]["scenes"] for name in ("ood-irs", "ood-size")] == [8, 5]
-    assert record["sets"]["map"]["ood-size"]["scenes"] == 8
+    sizes = [record["sets"][track]["160x160"]["scenes"] for track in ("map", "local")]
+    assert sizes == [8, 5]
     assert [each["target_db"] for each in explorer["paper"]] == list(PAPER_TARGETS_DB)
-    assert record["over"] == "seeds and scenes"
-    untrained = told["explorer, untrained", None]["sets"]["test"]["all"]
+    untrained = told["explorer, untrained", None]["sets"]
     assert found["over_untrained"]["value"] == pytest.approx(
-        found["spl"]["value"] - untrained["spl"]["value"], abs=1e-6
+        found["spl"]["value"] - untrained["ood-maze"]["all"]["spl"]["value"], abs=1e-6
     )
-    assert "over_untrained" not in untrained
+    assert "over_untrained" not in untrained["test"]["all"]
+    assert "over_untrained" in told["optimistic replanning", None]["sets"]["test"]["all"]
+    assert set(told["planning network, imitation, encoding mask", 10]["sets"]) == {"test"}
     page = (tmp_path / "docs/generalisation.md").read_text()
     assert "    first\n    second\n    python -m eval generalisation" in page
-    for name, _ in told:
-        assert f"| {name} |" in page
+    for each in record["entrants"]:
+        assert each["training_scenes"] == 10 or each["group"] in page
     for figure in ("scenes", "gallery"):
         assert (
             (tmp_path / f"docs/figures/generalisation/{figure}.png")
@@ -158,15 +187,69 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
         )
 
 
+def test_agents_that_a_family_was_left_out_for_play_that_family_alone(
+    monkeypatch, small, runs, tmp_path
+):
+    save(tmp_path / "runs/no-hall", ExplorerConfig(robots=4), 4, split=all_but("hall"), scenes=3000)
+    record = record_of(monkeypatch, runs, tmp_path, "--num-scenes", 2, "--local-scenes", 5)
+    told = {each["name"]: each for each in record["entrants"]}
+    mazes = told["explorer: imitation with memory, all kinds but maze"]
+    assert set(mazes["sets"]) == {"ood-maze"}
+    assert mazes["seeds"] == [2, 3]
+    (left_out,) = record["left_out_families"]
+    assert left_out["name"] == "explorer: imitation with memory"
+    assert set(left_out["families"]) == {"maze", "hall"}
+    assert left_out["families"]["maze"]["seeds"] == [2, 3]
+
+    # each family counts once, however many seeds
+    scores = SceneScores.read(tmp_path / "generalisation.npz")
+    key = "explorer: imitation with memory, all kinds but {}, 3000 scenes/ood-{}"
+    less = [
+        scores.spl[key.format(name, name)] / TOP
+        - scores.spl[f"explorer, untrained/ood-{name}"] / TOP
+        for name in ("maze", "hall")
+    ]
+    assert [len(each) for each in less] == [2, 1]
+    mean = left_out["mean"]["over_untrained"]
+    assert mean["these"]["value"] == pytest.approx(np.mean([each.mean() for each in less]))
+    assert mean["these"]["value"] == mean["others"]["value"]
+    by_hand = statistics.mean_of_crossed(less)
+    assert mean["these"]["interval"] == pytest.approx([by_hand.low, by_hand.high])
+    page = (tmp_path / "generalisation.md").read_text()
+    assert "all kinds but maze" not in page  # it stands in the table of families
+    assert "the family left out" in page
+
+
+def test_what_agents_learned_on_in_words():
+    assert learned_on("train") == "usual"
+    assert learned_on(all_but("trap")) == "all kinds but trap"
+    assert learned_on("+".join(["train", *(f"train-{name}" for name in FAMILIES)])) == "all kinds"
+    assert learned_on("train-maze+train-hall") == "maze, hall"
+    assert [family_left_out(all_but(name)) for name in FAMILIES] == list(FAMILIES)
+    assert family_left_out("train") is None
+
+
+def test_sets_of_the_page_are_all_frozen_ones_and_what_has_no_split():
+    frozen = {name for name, each in SPLITS.items() if each.is_frozen} - {"val"}
+    assert {*PAGE_SETS} == {*frozen, "160x160", "160x160-maze", "walls", "paper"}
+    assert [*PAGE_SETS][5:13] == list(FAMILY_SETS)
+
+
+def test_single_walls_have_ways_around_of_their_lengths():
+    pool = wall_scene_set(20)
+    # in a row of cells past the wall two diagonal moves save a little
+    np.testing.assert_allclose(pool.oracle_distance, np.array(WALL_DETOURS) - 2 + np.sqrt(2.0))
+    free = np.isfinite(pool.gain_db)
+    np.testing.assert_array_equal(pool.feasible, free)  # the target excludes nothing
+    assert (~free).sum(axis=(1, 2)).tolist() == [159] * 20  # one row of cells but one
+    assert len(wall_scene_set(3)) == 3
+
+
 def test_anybody_can_make_the_intervals_anew_from_the_scores_in_the_scenes(
     monkeypatch, small, runs, tmp_path
 ):
     docs = tmp_path / "docs"
-    monkeypatch.setattr(generalisation, "gallery", lambda entrants, pools: b"")
-    monkeypatch.setattr(generalisation, "PAGE_REFERENCES", ("replanning", "untrained_explorer"))
-    words = ("--out", docs, "--num-scenes", 4, "--local-large-scenes", 1)
-    assert call(monkeypatch, "generalisation", runs, *words) == 0
-    record = json.loads((docs / "generalisation.json").read_text())
+    record = record_of(monkeypatch, runs, docs, "--num-scenes", 3, "--local-scenes", 2)
     page = (docs / "generalisation.md").read_text()
     monkeypatch.setattr(intervals, "coverages", list)
     emptied = {**record, "entrants": [{**each, "sets": {}} for each in record["entrants"]]}
@@ -178,11 +261,34 @@ def test_anybody_can_make_the_intervals_anew_from_the_scores_in_the_scenes(
 
     scores = SceneScores.read(docs / "generalisation.npz")
     table = scores.spl["explorer: imitation with memory, 3000 scenes/test"]
-    assert (table.dtype, table.shape) == (np.float32, (2, 4))
-    np.savez(docs / "generalisation.npz", **{"spl/x/test": table + 1})
+    assert (table.dtype, table.shape) == (np.uint16, (2, 2))
+    np.savez(docs / "generalisation.npz", **{"spl/x/test": table.astype(float)})
     assert call(monkeypatch, "intervals", "--out", docs) == 2
     SceneScores({}, {}).write(docs / "generalisation.npz")
     assert call(monkeypatch, "intervals", "--out", docs) == 2
+
+
+def test_the_page_in_the_documents_is_that_of_the_scores_beside_it():
+    record = json.loads((DOCS / "generalisation.json").read_text())
+    scores = SceneScores.read(DOCS / "generalisation.npz")
+    told = {each["algorithm"]: each for each in record["entrants"] if not each["is_run"]}
+    untrained = told["untrained_explorer"]["sets"]["ood-maze"]["all"]
+    spl = scores.spl["explorer, untrained/ood-maze"] / TOP  # as the page tells to do it by hand
+    rival = scores.spl["optimistic replanning/ood-maze"] / TOP
+    found = statistics.crossed_mean(spl - rival)
+    assert untrained["over_replanning"]["value"] == pytest.approx(found.value)
+    assert untrained["over_replanning"]["interval"] == pytest.approx([found.low, found.high])
+    assert untrained["spl"]["value"] == pytest.approx(spl.mean())
+    assert estimated_anew(record, scores)["left_out_families"] == record["left_out_families"]
+
+
+def test_kept_scores_tell_failures_and_exact_paths_apart_from_all_others():
+    spl = np.array([[0.0, 1e-9, 0.5, 1 - 1e-5, 1 - 1e-7, 1.0]])
+    kept = packed(spl)
+    assert kept.dtype == np.uint16
+    assert (kept[0, [0, -2, -1]] == [0, TOP, TOP]).all()
+    assert 0 < kept[0, 1] < kept[0, 2] < kept[0, 3] < TOP
+    np.testing.assert_allclose(kept / TOP, spl, atol=2 / TOP)
 
 
 def test_figures_of_scores_in_the_scenes_by_hand():
@@ -196,75 +302,129 @@ def test_figures_of_scores_in_the_scenes_by_hand():
     assert whole["ratio"] == pytest.approx(((1 + 2 + 1.25) / 3 + (1 + 2 + 2 + 1) / 4) / 2)
     assert whole["exact"] == 3 / 8
     assert whole["over_replanning"]["value"] == pytest.approx(5.3 / 8 - 0.5)
-    assert hard["success_by_seed"] == [0.5, 1.0]
+    assert hard["success"]["value"] == 3 / 4
     assert set(results_of(spl, np.zeros(4, bool), {})) == {"all"}
 
 
-def test_a_shipped_model_stands_beside_the_mean_of_its_seeds(monkeypatch):
-    record = generalisation_data()
-    told = {each["name"]: each for each in shipped(record["entrants"], None)}
-    own = told["explorer: PPO with memory"]
-    assert (own["seed"], own["chosen_among"]) == (2, 5)
-    entrant = next(each for each in record["entrants"] if each["name"] == own["name"])
-    by_seed = entrant["sets"]["test"]["all"]["spl_by_seed"]
-    assert own["spl"]["test"]["value"] == by_seed[2] < np.mean(by_seed)
-    assert shipped([{**each, "models": []} for each in record["entrants"]], None) == []
-
-
-def test_without_scores_intervals_are_over_seeds_and_the_page_says_so():
-    record = generalisation_data()
-    again = estimated_anew(record, None)
-    assert again == record
-    assert "over seeds *in these very scenes*" in unseen_page(again, "figures")
-
-
-def test_the_page_that_is_there_is_written_anew_with_the_pretrained_models_on_it(
-    monkeypatch, small, tmp_path
+def test_a_shipped_model_that_is_one_of_the_seeds_stands_beside_their_mean(
+    monkeypatch, small, runs, tmp_path
 ):
-    kept = generalisation_data()
-    kept.pop("pretrained", None)
-    (tmp_path / "generalisation.json").write_text(json.dumps(kept))
-    assert call(monkeypatch, "generalisation", "--out", tmp_path) == 0
+    models = tmp_path / "models"
+    assert call(monkeypatch, "pretrain", runs, "--out", models) == 0
+    monkeypatch.setattr(generalisation, "MODELS", models)
+    monkeypatch.setattr("eval.unseen.record.MODELS", models)
+    few = ("--num-scenes", 3, "--local-scenes", 3)
+    record = record_of(monkeypatch, runs, tmp_path, *few)
+    told = {each["name"]: each for each in record["shipped"]}
+    own = told["planning network, imitation, encoding mask"]
+    assert (own["seed"], own["seeds"], own["chosen_among"]) == (1, 2, 4)
+    by_name = {each["name"]: each for each in record["entrants"]}
+    entrant = by_name[own["name"]]  # of the two of that name, that with the usual scenes
+    by_seed = entrant["sets"]["ood-trap"]["all"]["spl_by_seed"]
+    assert own["spl"]["ood-trap"]["value"] == pytest.approx(by_seed[1])
+    assert own["spl"][MEAN]["value"] == pytest.approx(
+        np.mean([own["spl"][name]["value"] for name in FAMILY_SETS])
+    )
+
+
+def test_a_shipped_model_that_is_but_a_point_of_the_curve_plays_all_sets_too(monkeypatch, tmp_path):
+    run = save(tmp_path / "runs", PlannerConfig(batch_scenes=4), 0, scenes=10)
+    left_out = save(tmp_path / "no-maze", ExplorerConfig(robots=4), 0, split=all_but("maze"))
+    monkeypatch.setattr(generalisation, "MODELS", tmp_path / "models")
+    for folder in (run.folder, left_out.folder):
+        call(monkeypatch, "pretrain", folder, "--out", tmp_path / "models")
+    point, maze, shipped, *references = generalisation.policies_of([run, left_out])
+    assert (point.sets, maze.sets) == (["test"], ["ood-maze"])
+    assert (shipped.source, shipped.model) == ("planner", point.model)
+    assert shipped.sets == list(PAGE_SETS)
+    # what a family was left out for is never shipped
+    assert {each.config for each in references} == {None}
+
+
+def test_earlier_runs_keep_their_intervals_until_there_are_new_ones(
+    monkeypatch, small, runs, tmp_path
+):
+    scores = {"success_by_seed": [1.0, 0.9, 0.8], "spl_by_seed": [0.5, 0.6, 0.7]}
+    earlier = [
+        {
+            "algorithm": algorithm,
+            "name": f"the earlier {algorithm}",
+            "track": "map",
+            "training_scenes": 3000,
+            "split": "train",
+            "learned_on": "usual",
+            "seeds": [0, 1, 2],
+            "sets": {"test": {"all": scores, "hard": scores}},
+        }
+        for algorithm in ("planner", "vin")
+    ]
+    (tmp_path / "generalisation.json").write_text(json.dumps({"earlier": earlier}))
+    few = ("--num-scenes", 1, "--local-scenes", 1)
+    record = record_of(monkeypatch, runs, tmp_path, *few)
+    (kept,) = record["earlier"]
+    assert kept["name"] == "the earlier vin"
+    assert kept["sets"]["test"]["all"]["spl"]["value"] == pytest.approx(0.6)
+    assert means_over_seeds(kept) == kept["sets"]
     page = (tmp_path / "generalisation.md").read_text()
-    assert "| U-Net | the map | 0.5000 | 0.2500 | 1.1250 | – | 0.5000 | 0.2500 |" in page
-    assert "on the 6 scenes of `ood-rooms`, 4 of them hard" in page
-    again = json.loads((tmp_path / "generalisation.json").read_text())
-    assert again.pop("pretrained") == PRETRAINED
-    assert again == kept
+    assert "| the earlier vin | 3,000 | 3 | 0.6000<br>" in page
+    again = record_of(monkeypatch, runs, tmp_path, *few)
+    assert again["earlier"] == record["earlier"]
 
 
-def test_without_a_page_there_is_none_to_write_anew(monkeypatch, tmp_path, capsys):
-    assert call(monkeypatch, "generalisation", "--out", str(tmp_path)) == 2
-    assert "generalisation.json" in capsys.readouterr().err
+def counted(monkeypatch, pool=POOL):
+    """The trials that are played from here on, of small scenes."""
+    plays = []
+    real = played.play
+
+    def play(trial, folder=None):
+        plays.append(trial)
+        return real(trial, folder)
+
+    monkeypatch.setattr(played, "play", play)
+    monkeypatch.setattr(played, "page_scene_set", lambda name, count: pool)
+    return plays
 
 
-def test_pretrained_models_are_scored_on_rooms_beside_references():
-    found = score_pretrained("ood-rooms", build_scene_set("ood-rooms", 3, jobs=1))
-    by_name = {each["name"]: each for each in found["rows"]}
-    assert len(by_name) == 6 + len(policy_results.REFERENCE_TITLES)
-    assert {each["track"] for each in found["rows"]} == {"map", "local"}
-    assert by_name["planning network, imitation"]["all"]["spl"] > 0.9
-    assert by_name["optimistic replanning"]["all"]["success"] == 1.0
-    assert by_name["greedy (octile)"]["all"]["scenes"] == found["scenes"] == 3
+TRIAL = Trial("replanning", "a", "test", 6)
+FACTS = {("test", 6): SetFacts.of(POOL)}
 
 
-def test_what_was_played_is_played_once_and_anew_for_another_model(tmp_path):
-    played = []
+def test_what_was_played_is_played_once_and_anew_for_another_model(monkeypatch, tmp_path):
+    plays = counted(monkeypatch)
+    first = play_all([TRIAL, TRIAL], FACTS, tmp_path / "new")[TRIAL]
+    again = play_all([TRIAL], FACTS, tmp_path / "new")[TRIAL]
+    assert len(plays) == 1
+    np.testing.assert_array_equal(first.distance, again.distance)
+    assert first.seconds == again.seconds > 0
+    by_hand = play_scene_set(Replanner(POOL.shape, 5), POOL)
+    np.testing.assert_array_equal(first.results(POOL.oracle_distance).spl, by_hand.spl)
 
-    def episodes(pool):
-        played.append(pool)
-        return SceneSetResults(
-            np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance
-        )
+    play_all([Trial("replanning", "b", "test", 6)], FACTS, tmp_path / "new")
+    other = tiny_pool(6, (12, 11), seed=1)
+    monkeypatch.setattr(played, "page_scene_set", lambda name, count: other)
+    play_all([TRIAL], {("test", 6): SetFacts.of(other)}, tmp_path / "new")
+    assert len(plays) == 3
+    play_all([TRIAL], {("test", 6): SetFacts.of(other)}, None)
+    assert len(plays) == 4
 
-    file, player = tmp_path / "new/kept.npz", Player("it", episodes)
-    first = policy_results.kept(file, POOL, "a", player)
-    again = policy_results.kept(file, POOL, "a", player)
-    assert len(played) == 1
-    np.testing.assert_array_equal(first.spl, again.spl)
-    policy_results.kept(file, POOL, "b", player)
-    policy_results.kept(file, tiny_pool(6, (12, 11), seed=1), "b", player)
-    assert len(played) == 3
+
+def test_a_set_is_another_where_any_map_target_or_end_is():
+    same = tiny_pool(6, (12, 11))
+    assert checksum_of(same) == checksum_of(POOL)
+    for name in ("gain_db", "target_db", "start", "goal"):
+        changed = np.array(getattr(POOL, name))
+        changed[-1] += 1
+        assert checksum_of(replace(POOL, **{name: changed})) != checksum_of(POOL)
+
+
+def test_several_processes_play_what_one_does(tmp_path):
+    trials = [Trial(name, name, "walls", 2) for name in ("replanning", "greedy")]
+    facts = {("walls", 2): SetFacts.of(wall_scene_set(2))}
+    here = play_all(trials, facts, None, jobs=1)
+    elsewhere = play_all(trials, facts, None, jobs=2)
+    for each in trials:
+        np.testing.assert_array_equal(here[each].distance, elsewhere[each].distance)
+    assert here[trials[0]].is_success.all()
 
 
 @pytest.mark.parametrize(
@@ -274,29 +434,44 @@ def test_what_was_played_is_played_once_and_anew_for_another_model(tmp_path):
         lambda arrays: {**arrays, "distance": np.zeros(6)},
         lambda arrays: {**arrays, "is_success": np.ones(7, bool)},
         lambda arrays: {**arrays, "is_success": np.ones(6)},
-        lambda arrays: {"key": arrays["key"]},
-        lambda arrays: {**arrays, "key": np.array([None])},
+        lambda arrays: {**arrays, "seconds": np.array(-1.0)},
+        lambda arrays: {"seconds": arrays["seconds"]},
+        lambda arrays: {**arrays, "distance": np.array([None] * 6)},
     ],
 )
-def test_what_was_played_is_played_anew_where_its_file_is_forged_or_damaged(tmp_path, change):
-    file, played = tmp_path / "kept.npz", []
-
-    def episodes(pool):
-        played.append(pool)
-        return SceneSetResults(
-            np.ones(6, dtype=bool), pool.oracle_distance * 2, pool.oracle_distance
-        )
-
-    policy_results.kept(file, POOL, "a", Player("it", episodes))
+def test_what_was_played_is_played_anew_where_its_file_is_forged_or_damaged(
+    monkeypatch, tmp_path, change
+):
+    plays = counted(monkeypatch)
+    first = play_all([TRIAL], FACTS, tmp_path)[TRIAL]
+    (file,) = tmp_path.glob("*.npz")
     with np.load(file) as arrays:
         forged = change(dict(arrays))
     np.savez(file, **forged)
-    found = policy_results.kept(file, POOL, "a", Player("it", episodes))
-    assert len(played) == 2
-    np.testing.assert_array_equal(found.distance, POOL.oracle_distance * 2)
+    found = play_all([TRIAL], FACTS, tmp_path)[TRIAL]
+    assert len(plays) == 2
+    np.testing.assert_array_equal(found.distance, first.distance)
     file.write_bytes(file.read_bytes()[:-9])
-    policy_results.kept(file, POOL, "a", Player("it", episodes))
-    assert len(played) == 3
+    play_all([TRIAL], FACTS, tmp_path)
+    assert len(plays) == 3
+
+
+def test_what_was_played_is_played_anew_where_what_policies_do_has_changed(monkeypatch, tmp_path):
+    plays = counted(monkeypatch)
+    play_all([TRIAL], FACTS, tmp_path)
+    monkeypatch.setattr(played, "code_checksum", lambda: "another")
+    play_all([TRIAL], FACTS, tmp_path)
+    assert len(plays) == 2
+    before = 'def f(x):\n    """What it is."""\n    return x + 1  # one more\n'
+    after = 'def f(x):\n    """Another word."""\n\n    return (x + 1)\n'
+    assert played.code_of(before) == played.code_of(after)
+    assert played.code_of(before) != played.code_of(after.replace("1", "2"))
+
+
+def test_the_untrained_explorer_is_known_by_its_weights():
+    found = Policy.of_reference("untrained_explorer")
+    assert len(found.model) == 64
+    assert Policy.of_reference("replanning").model == "replanning"
 
 
 def test_runs_that_cannot_count_are_left_out_by_name(monkeypatch, small, runs, tmp_path, capsys):
@@ -304,10 +479,7 @@ def test_runs_that_cannot_count_are_left_out_by_name(monkeypatch, small, runs, t
     Run.create(
         runs / "single", Config(algorithm="q_learning", seed=0, env={}, agent={}, training={})
     )
-    assert (
-        call(monkeypatch, "generalisation", runs, "--out", tmp_path / "docs", "--num-scenes", 3)
-        == 0
-    )
+    record_of(monkeypatch, runs, tmp_path / "docs", "--num-scenes", 1, "--local-scenes", 1)
     said = capsys.readouterr().err
     assert "few: has not ended: its status is 'interrupted'" in said
     assert "single: q_learning learned in one scene" in said

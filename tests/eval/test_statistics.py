@@ -20,6 +20,7 @@ from eval.statistics import (
     estimate_median,
     interquartile_mean,
     mean,
+    mean_of_crossed,
     optimality_gap,
     share,
     success_rate,
@@ -211,3 +212,25 @@ def test_band_of_one_curve_has_no_width():
 def test_values_that_mean_nothing_are_refused(values):
     with pytest.raises(ValueError, match="must be"):
         estimate(values)
+
+
+def test_mean_of_one_table_is_that_of_the_table_and_of_equal_ones_has_no_width():
+    table = np.random.default_rng(2).normal(size=(4, 30))
+    one, alone = mean_of_crossed([table]), crossed_mean(table)
+    assert (one.low, one.value, one.high) == pytest.approx((alone.low, alone.value, alone.high))
+    equal = np.full((3, 5), 0.25)
+    assert mean_of_crossed([equal, equal]) == Estimate(0.25, 0.25, 0.25, ALL_EQUAL)
+    assert mean_of_crossed([table[:1], table[1:2]]).note == ONE_SEED
+    with pytest.raises(ValueError, match="one table or more"):
+        mean_of_crossed([])
+
+
+def test_interval_of_independent_means_has_the_freedom_of_welch_and_satterthwaite():
+    rng = np.random.default_rng(3)
+    draws = [rng.normal(size=(1, 4)), rng.normal(size=(1, 9))]
+    found = mean_of_crossed(draws)
+    a, b = (stats.sem(each[0]) ** 2 for each in draws)
+    freedom = (a + b) ** 2 / (a**2 / 3 + b**2 / 8)
+    half = stats.t.ppf(0.975, freedom) * np.sqrt(a + b) / 2
+    inner = (found.value - found.low, found.high - found.value)
+    assert min(inner) == pytest.approx(half)  # the other end is moved out by the skewness

@@ -16,6 +16,7 @@ from tiny import TINY, call, curve, numbers
 
 from agents.registry import generalists, specialists
 from agents.runs.run_folder import LockedError, Run
+from irs_gym.datasets.splits import FAMILIES, all_but, members_of
 from irs_gym.mdp.task import build_world
 from train import resume
 from train.config import defaults_of, parse, record_of
@@ -388,6 +389,16 @@ def test_sweeps_over_many_scenes_hold_every_generalist_and_the_curve():
             config.agent.weights in folders
         )  # what they begin with is trained by the sweep before
         assert f"seed{config.seed}" in str(config.agent.weights)
+
+
+def test_sweep_over_families_leaves_each_out_of_what_its_agents_learn_on():
+    plan = Plan.load(SWEEPS / "generalisation-families.toml")
+    assert set(plan.settings) == {f"all-but-{name}" for name in FAMILIES}
+    for config in plan.configs():
+        family = config.out.parts[-3].removeprefix("all-but-")
+        assert config.env.split == all_but(family)
+        assert f"train-{family}" not in members_of(config.env.split)
+        assert config.env.test_split == "val"
 
 
 @pytest.mark.parametrize(

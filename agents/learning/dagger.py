@@ -9,13 +9,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import binary_cross_entropy_with_logits
+from torch.nn.functional import binary_cross_entropy_with_logits, pad
 
 from agents.learning.local_configs import ExplorerConfig
-from agents.learning.optim import cosine, gradient_step
+from agents.learning.optim import cosine, device_of, gradient_step
 from agents.learning.robot_batch import RobotBatch
+from agents.networks.planner import neighbours
 from irs_gym.datasets.scene_set import SceneSet
-from irs_gym.oracle.shortest_path import detours_of_moves
+from irs_gym.grid import MOVE_LENGTHS
 
 # Cells: a longer detour counts as much as this, and so does a refusal.
 _LONGEST = 10.0
@@ -34,7 +35,8 @@ class Dagger:
         self, config: ExplorerConfig, network: nn.Module, rng: np.random.Generator
     ) -> None:
         self.config = config
-        self.network = network
+        self.device = device_of(config.device)
+        self.network = network.to(self.device)
         self._rng = rng
         self._optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
         self._robots: RobotBatch | None = None  # under way from the first update on
@@ -48,13 +50,13 @@ class Dagger:
             self._robots = RobotBatch(config.terms, pool, self._rng)
 
         robots = self._robots
-        margin, goals, settings = robots.known(pool)
+        margin, goals, settings = robots.known(pool, self.device)
         guess = self.network(margin, goals, settings)
         detour = self._detour(pool, robots.scenes, margin, guess.plan.logits)
 
         # What the map is really like where a robot has not looked: which cells are feasible.
         unknown = margin.isnan()  # (n, X, Y)
-        is_feasible = torch.from_numpy(pool.feasible[robots.scenes]).to(margin)[unknown]
+        is_feasible = torch.from_numpy(pool.feasible[robots.scenes]).to(margin)[unknown]  # (m,)
         errors = binary_cross_entropy_with_logits(
             guess.feasible[unknown], is_feasible, reduction="sum"
         )
@@ -66,7 +68,7 @@ class Dagger:
 
         # On to the states that its own plans lead to.
         steps = int(self._rng.integers(1, 2 * config.n_steps))
-        moves = guess.plan.logits.detach().argmax(dim=1).numpy()  # (n, X, Y)
+        moves = guess.plan.logits.detach().argmax(dim=1).cpu().numpy()  # (n, X, Y)
         _walk(robots, pool, moves, steps)
 
         return steps * config.robots, {"detour": detour.item(), "guess_error": error.item()}
@@ -77,15 +79,24 @@ class Dagger:
         """Mean over the cells known to each robot of the detour that its drawn moves make, in
         cells.
         """
-        metres = detours_of_moves(pool.distance_to_go[scenes], pool.cell_size)  # (n, 8, X, Y)
-        cells = torch.from_numpy(np.minimum(metres / pool.cell_size, _LONGEST).astype(np.float32))
+        to_go = torch.from_numpy(pool.distance_to_go[scenes] / pool.cell_size).to(margin)
+        cells = _detours(to_go).clamp(max=_LONGEST)  # (n, 8, X, Y)
         mean_detour = (logits.softmax(dim=1) * cells).sum(dim=1)  # (n, X, Y)
 
         # No move from the goal, nor from where it cannot be reached, is better than another.
-        to_go = torch.from_numpy(pool.distance_to_go[scenes])
         is_asked = (margin >= 0) & to_go.isfinite() & (to_go > 0)
 
         return mean_detour[is_asked].mean()
+
+
+def _detours(to_go: Tensor) -> Tensor:
+    """How much longer than the shortest a way becomes with each move, ``(n, 8, X, Y)``, for
+    distances to go ``(n, X, Y)`` in cells: as `irs_gym.oracle.shortest_path.detours_of_moves`.
+    """
+    ahead = torch.stack(neighbours(pad(to_go, (1, 1, 1, 1), value=torch.inf)), dim=1)
+    lengths = torch.tensor(MOVE_LENGTHS).to(to_go)[:, None, None]
+
+    return ahead + lengths - to_go.nan_to_num(posinf=-torch.inf)[:, None]
 
 
 def _walk(robots: RobotBatch, pool: SceneSet, moves: NDArray[np.int64], steps: int) -> None:

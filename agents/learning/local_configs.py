@@ -6,10 +6,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from agents.learning.map_configs import check_network_settings, check_proximal
 from agents.single.config import check_settings
+
+Device = Literal["cpu", "cuda", "auto"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +61,8 @@ class ExplorerConfig:
     """Cells that a robot sees in each direction."""
     width: int = 8
     """Channels on the map's own grid."""
+    device: Device = "cpu"
+    """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
     total_timesteps: int = 192_000
     """Steps of the whole schedule, counted over all robots."""
     n_steps: int = 4
@@ -126,6 +130,8 @@ class ExplorerPpoConfig:
     """Cells that a robot sees in each direction."""
     width: int = 8
     """Channels on the map's own grid."""
+    device: Device = "cpu"
+    """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
     n_plans: int = 8
     """Plans of each robot between two updates."""
     plan_steps: int = 4

@@ -1,6 +1,7 @@
 """`RobotBatch`: robots on their ways through scenes of a pool, with what each of them has seen."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from agents.learning.local_configs import RobotBatchConfig
-from agents.policies.belief_map import BeliefMap, patches_of
+from agents.policies.belief_map import BeliefMap, padded_margin, windows
 from agents.rollout.rules import RULES
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import cells_at, flat_cells
@@ -16,6 +17,7 @@ from irs_gym.mdp.dynamics import next_cells, permissions, start_cells
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+_SCENES = 256  # in work at a time
 
 
 class BatchStep(NamedTuple):
@@ -24,6 +26,33 @@ class BatchStep(NamedTuple):
     cells: Ints  # (n, 2)
     is_there: Bools  # (n,), at the goal
     is_over: Bools  # (n,), at the goal or out of steps
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What robots see, and which moves they can make, in all cells of the scenes of a pool."""
+
+    margin: NDArray[np.float32]  # (S, X + 2r, Y + 2r), scaled
+    is_legal: Bools  # (S, X, Y, 8)
+    radius: int  # r
+
+    @classmethod
+    def of(cls, pool: SceneSet, radius: int) -> "Surroundings":
+        """Of the scenes of a pool, some at a time: what lies between takes more memory."""
+        parts = np.array_split(np.arange(len(pool)), -(-len(pool) // _SCENES))
+        is_legal = [
+            permissions(
+                RULES.constraint, pool.free[part], pool.feasible[part], **pool.motion(part)
+            )[0]
+            for part in parts
+        ]
+
+        return cls(padded_margin(pool, slice(None), radius), np.concatenate(is_legal), radius)
+
+    def patches(self, scenes: Ints, cells: Ints) -> NDArray[np.float32]:
+        """Those of robots in cells ``(n, 2)`` of scenes ``(n,)``: as `patches_of`."""
+        _, i, j = windows(cells, self.radius)
+        return np.asarray(self.margin[scenes[:, None, None], i, j])
 
 
 class RobotBatch:
@@ -47,18 +76,27 @@ class RobotBatch:
         self.cells = np.zeros((n, 2), dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
         self.belief = BeliefMap.nothing(n, pool.shape, config.patch_radius)
+        self._surroundings: Surroundings | None = None  # once they are asked for
         self.begin(pool, np.arange(n))
 
-    def known(self, pool: SceneSet) -> tuple[Tensor, Tensor, Tensor]:
+    def known(self, pool: SceneSet, device: str = "cpu") -> tuple[Tensor, Tensor, Tensor]:
         """What the robots know, as `agents.networks.explorer.ExplorerNetwork` takes it: a copy."""
         margin = np.ascontiguousarray(self.belief.maps)  # (n, X, Y)
         goals = flat_cells(pool.goal[self.scenes], pool.shape)  # (n,)
 
         return (
-            torch.from_numpy(margin),
-            torch.from_numpy(goals),
-            torch.from_numpy(pool.irs[self.scenes]),
+            torch.from_numpy(margin).to(device),
+            torch.from_numpy(goals).to(device),
+            torch.from_numpy(pool.irs[self.scenes]).to(device),
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_surroundings": None}  # made anew of the pool
+
+    def _around(self, pool: SceneSet) -> Surroundings:
+        if self._surroundings is None:
+            self._surroundings = Surroundings.of(pool, self.config.patch_radius)
+        return self._surroundings
 
     def begin(self, pool: SceneSet, robots: Ints) -> None:
         """Send these robots on their way through scenes drawn anew."""
@@ -95,18 +133,12 @@ class RobotBatch:
 
     def _next_cells(self, pool: SceneSet, moves: Ints, is_moving: Bools) -> Ints:
         """Cells ``(n, 2)`` that the moves lead to."""
-        is_legal, _ = permissions(
-            RULES.constraint,
-            pool.free[self.scenes],
-            pool.feasible[self.scenes],
-            **pool.motion(self.scenes),
-        )  # (n, X, Y, 8)
         i, j = self.cells.T
-        can = is_legal[np.arange(len(moves)), i, j, moves] & is_moving
+        can = self._around(pool).is_legal[self.scenes, i, j, moves] & is_moving
 
         here = flat_cells(self.cells, pool.shape)
         return cells_at(next_cells(here, moves, can, pool.shape), pool.shape)
 
     def _look(self, pool: SceneSet) -> None:
-        patches = patches_of(pool, self.scenes, self.cells, self.belief.radius)
+        patches = self._around(pool).patches(self.scenes, self.cells)
         self.belief = self.belief.look(self.cells, patches)

@@ -15,8 +15,11 @@ from irs_gym.grid import MOVE_LENGTHS
 
 BLOCKED = 1e4
 """Cost of entering a cell known to be infeasible: more than any way through unknown cells."""
+_UNIT = 20.0  # cells: distances to the goal are divided by this
 _FACTOR = 8  # sides of the maps are padded to multiples of this many cells
-_MOST_EXTRA = 50.0  # a cell costs no more than this beside its length, however unlikely
+PRIOR = -2.0
+"""Before it has learned, a cell not seen costs its length times 1 + softplus of this."""
+_MOST_EXTRA = 20.0  # a cell costs no more than this beside its length, however unlikely
 
 
 class Prices(NamedTuple):
@@ -52,7 +55,7 @@ class ExplorerNetwork(nn.Module):
         super().__init__()
         twice = 2 * width
         four = 4 * width
-        self.stem = nn.Sequential(conv_block(9, width), conv_block(width, width))
+        self.stem = nn.Sequential(conv_block(12, width), conv_block(width, width))
         self.down_2 = nn.Sequential(conv_block(width, twice, stride=2), conv_block(twice, twice))
         self.down_4 = nn.Sequential(conv_block(twice, twice, stride=2), conv_block(twice, twice))
         self.down_8 = nn.Sequential(conv_block(twice, four, stride=2), conv_block(four, four))
@@ -61,10 +64,11 @@ class ExplorerNetwork(nn.Module):
         self.up_1 = conv_block(twice + width, width)
         self.read_out = nn.Conv2d(width, 2, 1)
 
-        # It begins near optimism: most cells are feasible, and cost little more than their length.
+        # It begins near optimism: every cell costs little more than its length, most are feasible.
         assert self.read_out.bias is not None  # as it is asked for above
         with torch.no_grad():
-            self.read_out.bias.copy_(torch.tensor([-2.0, 1.0]))
+            self.read_out.weight[0].zero_()
+            self.read_out.bias.copy_(torch.tensor([0.0, 1.0]))
 
         self.log_beta = nn.Parameter(torch.tensor(1.0))
 
@@ -109,12 +113,13 @@ class ExplorerNetwork(nn.Module):
             dim=1,
         )  # (B, 6, X, Y)
         everywhere = settings[:, :, None, None].expand(-1, -1, columns, rows)  # (B, 3, X, Y)
-        planes = torch.cat([planes, everywhere], dim=1)
+        offsets = _offsets(goals, (columns, rows))  # (B, 3, X, Y)
+        planes = torch.cat([planes, everywhere, offsets], dim=1)
         padded = pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR))
         answer = self._guess(padded)[..., :columns, :rows]  # (B, 2, X, Y)
 
         # A cell that was seen costs what it is known to, another what is guessed.
-        extra = softplus(answer[:, 0]).clamp(max=_MOST_EXTRA)
+        extra = softplus(PRIOR + answer[:, 0]).clamp(max=_MOST_EXTRA)
         cost = torch.where(is_known, 1.0, 1.0 + extra).masked_fill(is_blocked, BLOCKED)
 
         return Prices(cost, is_goal, answer[:, 1])
@@ -129,6 +134,16 @@ class ExplorerNetwork(nn.Module):
         answer: Tensor = self.read_out(self.up_1(torch.cat([whole, double_conv(half)], dim=1)))
 
         return answer
+
+
+def _offsets(goals: Tensor, shape: tuple[int, int]) -> Tensor:
+    """Where the goals lie from each cell: along x, along y and as a distance, ``(B, 3, X, Y)``."""
+    i = torch.arange(shape[0], device=goals.device)[:, None]  # (X, 1)
+    j = torch.arange(shape[1], device=goals.device)  # (Y,)
+    along_x = ((goals // shape[1])[:, None, None] - i).expand(-1, *shape) / _UNIT
+    along_y = ((goals % shape[1])[:, None, None] - j).expand(-1, *shape) / _UNIT
+
+    return torch.stack([along_x, along_y, along_x.hypot(along_y)], dim=1)
 
 
 def costs_of_moves(cost: Tensor) -> Tensor:

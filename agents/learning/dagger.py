@@ -14,6 +14,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, pad
 from agents.learning.local_configs import ExplorerConfig
 from agents.learning.optim import cosine, device_of, gradient_step
 from agents.learning.robot_batch import RobotBatch
+from agents.networks.map_network import MapPlan
 from agents.networks.planner import neighbours
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import MOVE_LENGTHS
@@ -52,7 +53,7 @@ class Dagger:
         robots = self._robots
         margin, goals, settings = robots.known(pool, self.device)
         guess = self.network(margin, goals, settings)
-        detour = self._detour(pool, robots.scenes, margin, guess.plan.logits)
+        detour, value_error = self._errors(pool, robots.scenes, margin, guess.plan)
 
         # What the map is really like where a robot has not looked: which cells are feasible.
         unknown = margin.isnan()  # (n, X, Y)
@@ -62,7 +63,7 @@ class Dagger:
         )
         error = errors / unknown.sum().clamp(min=1)  # small maps may be known as a whole
 
-        loss = detour + config.guess_coef * error
+        loss = detour + config.guess_coef * error + config.value_coef * value_error
         rate = cosine(config.learning_rate, progress)
         gradient_step(self._optimizer, loss, rate, config.max_grad_norm)
 
@@ -71,22 +72,28 @@ class Dagger:
         moves = guess.plan.logits.detach().argmax(dim=1).cpu().numpy()  # (n, X, Y)
         _walk(robots, pool, moves, steps)
 
-        return steps * config.robots, {"detour": detour.item(), "guess_error": error.item()}
+        return steps * config.robots, {
+            "detour": detour.item(),
+            "guess_error": error.item(),
+            "value_error": value_error.item(),
+        }
 
-    def _detour(
-        self, pool: SceneSet, scenes: NDArray[np.int64], margin: Tensor, logits: Tensor
-    ) -> Tensor:
-        """Mean over the cells known to each robot of the detour that its drawn moves make, in
-        cells.
+    def _errors(
+        self, pool: SceneSet, scenes: NDArray[np.int64], margin: Tensor, plan: MapPlan
+    ) -> tuple[Tensor, Tensor]:
+        """Means over the cells known to the robots: of the detour that their drawn moves make, in
+        cells, and of the error in the logarithm of the way to go.
         """
         to_go = torch.from_numpy(pool.distance_to_go[scenes] / pool.cell_size).to(margin)
         cells = _detours(to_go).clamp(max=_LONGEST)  # (n, 8, X, Y)
-        mean_detour = (logits.softmax(dim=1) * cells).sum(dim=1)  # (n, X, Y)
+        mean_detour = (plan.logits.softmax(dim=1) * cells).sum(dim=1)  # (n, X, Y)
 
         # No move from the goal, nor from where it cannot be reached, is better than another.
         is_asked = (margin >= 0) & to_go.isfinite() & (to_go > 0)
 
-        return mean_detour[is_asked].mean()
+        error = (plan.to_go[is_asked].log1p() - to_go[is_asked].log1p()).abs()
+
+        return mean_detour[is_asked].mean(), error.mean()
 
 
 def _detours(to_go: Tensor) -> Tensor:

@@ -14,7 +14,6 @@ from torch.nn.functional import binary_cross_entropy_with_logits, pad
 from agents.learning.local_configs import ExplorerConfig
 from agents.learning.optim import cosine, device_of, gradient_step
 from agents.learning.robot_batch import RobotBatch
-from agents.networks.map_network import MapPlan
 from agents.networks.planner import neighbours
 from irs_gym.datasets.scene_set import SceneSet
 from irs_gym.grid import MOVE_LENGTHS
@@ -27,7 +26,7 @@ class Dagger:
     """Robots on their ways through scenes of a pool, and what is learned from them.
 
     At each update the network plans for what each robot has seen. The loss is the mean detour, in
-    cells, of the moves that it would draw in the cells that the robot knows, were the rest of the
+    cells, of the moves that it would draw in the cells that the robot sees, were the rest of the
     map as it really is; beside that, the network learns which unknown cells are feasible. Then the
     robots follow their plans for some steps.
     """
@@ -48,52 +47,42 @@ class Dagger:
         """
         config = self.config
         if self._robots is None:
-            self._robots = RobotBatch(config.terms, pool, self._rng)
+            self._robots = RobotBatch(config.terms, pool, self._rng, self.device)
 
         robots = self._robots
-        margin, goals, settings = robots.known(pool, self.device)
+        margin, goals, settings = robots.known(pool)
         guess = self.network(margin, goals, settings)
-        detour, value_error = self._errors(pool, robots.scenes, margin, guess.plan)
 
-        # What the map is really like where a robot has not looked: which cells are feasible.
-        unknown = margin.isnan()  # (n, X, Y)
-        is_feasible = torch.from_numpy(pool.feasible[robots.scenes]).to(margin)[unknown]  # (m,)
+        # What the map is really like, to go by and, where a robot has not looked, to guess.
+        is_feasible, to_go = robots.truth(pool)  # (n, X, Y)
+        detour = _mean_detour(guess.plan.logits, to_go, (margin >= 0) & robots.in_view())
+        unknown = margin.isnan()
         errors = binary_cross_entropy_with_logits(
-            guess.feasible[unknown], is_feasible, reduction="sum"
+            guess.feasible[unknown], is_feasible[unknown].to(margin), reduction="sum"
         )
         error = errors / unknown.sum().clamp(min=1)  # small maps may be known as a whole
 
-        loss = detour + config.guess_coef * error + config.value_coef * value_error
+        loss = detour + config.guess_coef * error
         rate = cosine(config.learning_rate, progress)
         gradient_step(self._optimizer, loss, rate, config.max_grad_norm)
 
         # On to the states that its own plans lead to.
         steps = int(self._rng.integers(1, 2 * config.n_steps))
-        moves = guess.plan.logits.detach().argmax(dim=1).cpu().numpy()  # (n, X, Y)
-        _walk(robots, pool, moves, steps)
+        moves = guess.plan.logits.detach().argmax(dim=1).to(torch.uint8)  # (n, X, Y)
+        _walk(robots, pool, moves.cpu().numpy(), steps)
 
-        return steps * config.robots, {
-            "detour": detour.item(),
-            "guess_error": error.item(),
-            "value_error": value_error.item(),
-        }
+        return steps * config.robots, {"detour": detour.item(), "guess_error": error.item()}
 
-    def _errors(
-        self, pool: SceneSet, scenes: NDArray[np.int64], margin: Tensor, plan: MapPlan
-    ) -> tuple[Tensor, Tensor]:
-        """Means over the cells known to the robots: of the detour that their drawn moves make, in
-        cells, and of the error in the logarithm of the way to go.
-        """
-        to_go = torch.from_numpy(pool.distance_to_go[scenes] / pool.cell_size).to(margin)
-        cells = _detours(to_go).clamp(max=_LONGEST)  # (n, 8, X, Y)
-        mean_detour = (plan.logits.softmax(dim=1) * cells).sum(dim=1)  # (n, X, Y)
 
-        # No move from the goal, nor from where it cannot be reached, is better than another.
-        is_asked = (margin >= 0) & to_go.isfinite() & (to_go > 0)
+def _mean_detour(logits: Tensor, to_go: Tensor, is_asked: Tensor) -> Tensor:
+    """Mean over the cells asked for, bool ``(n, X, Y)``, of the detour that moves drawn there make,
+    in cells.
+    """
+    cells = _detours(to_go).clamp(max=_LONGEST)  # (n, 8, X, Y)
+    mean_detour = (logits.softmax(dim=1) * cells).sum(dim=1)  # (n, X, Y)
 
-        error = (plan.to_go[is_asked].log1p() - to_go[is_asked].log1p()).abs()
-
-        return mean_detour[is_asked].mean(), error.mean()
+    # No move from the goal, nor from where it cannot be reached, is better than another.
+    return mean_detour[is_asked & to_go.isfinite() & (to_go > 0)].mean()
 
 
 def _detours(to_go: Tensor) -> Tensor:
@@ -106,7 +95,7 @@ def _detours(to_go: Tensor) -> Tensor:
     return ahead + lengths - to_go.nan_to_num(posinf=-torch.inf)[:, None]
 
 
-def _walk(robots: RobotBatch, pool: SceneSet, moves: NDArray[np.int64], steps: int) -> None:
+def _walk(robots: RobotBatch, pool: SceneSet, moves: NDArray[np.uint8], steps: int) -> None:
     """Follow plans ``(n, X, Y)``, looking around; who has begun anew waits for a plan of its
     own.
     """
@@ -115,4 +104,4 @@ def _walk(robots: RobotBatch, pool: SceneSet, moves: NDArray[np.int64], steps: i
 
     for _ in range(steps):
         i, j = robots.cells.T
-        waits |= robots.move(pool, moves[n, i, j], waits).is_over
+        waits |= robots.move(pool, moves[n, i, j].astype(np.int64), waits).is_over

@@ -76,7 +76,7 @@ class ExplorerPpo:
         """
         config = self.config
         if self._robots is None:
-            self._robots = RobotBatch(config.terms, pool, self._rng)
+            self._robots = RobotBatch(config.terms, pool, self._rng, self.device)
 
         # The rollout: all robots plan n_plans times, and walk after each plan.
         with torch.no_grad():
@@ -104,7 +104,7 @@ class ExplorerPpo:
     def _advance(self, pool: SceneSet, robots: RobotBatch) -> Stage:
         """Plan, and take some steps by the plan."""
         config = self.config
-        known = robots.known(pool, self.device)
+        known = robots.known(pool)
         log_probs, to_go = self._ask(known)
 
         n = np.arange(config.robots)
@@ -186,7 +186,7 @@ class ExplorerPpo:
 
     def _values_here(self, pool: SceneSet, robots: RobotBatch) -> Floats:
         """Values of where the robots are now, ``(n,)``."""
-        _, to_go = self._ask(robots.known(pool, self.device))
+        _, to_go = self._ask(robots.known(pool))
         here = to_go[np.arange(self.config.robots), _flat(robots, pool)]
         return np.asarray(self._value(here, _octile(robots, pool)).cpu().numpy())
 

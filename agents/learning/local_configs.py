@@ -69,8 +69,6 @@ class ExplorerConfig:
     """Mean number of steps of each robot between two updates."""
     guess_coef: float = 0.5
     """Weight of the error in the guess which unknown cells are feasible, beside the detours."""
-    value_coef: float = 0.0
-    """Weight of the error in how far the goal is, in the natural logarithm, beside the detours."""
     max_grad_norm: float = 1.0
     """Longest gradient, in the Euclidean norm; longer ones are cut."""
 
@@ -81,7 +79,7 @@ class ExplorerConfig:
         check_settings(self, "share", "random_start")
         check_settings(self, "whole", "total_timesteps", "n_steps")
         check_settings(self, "positive", "max_grad_norm")
-        check_settings(self, "weight", "guess_coef", "value_coef")
+        check_settings(self, "weight", "guess_coef")
 
     @property
     def terms(self) -> RobotBatchConfig:

@@ -2,11 +2,12 @@
 guessed.
 """
 
+import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import pad, softplus
+from torch.nn.functional import pad
 
 from agents.networks.map_network import MapPlan
 from agents.networks.planner import neighbours, plan
@@ -17,9 +18,11 @@ BLOCKED = 1e4
 """Cost of entering a cell known to be infeasible: more than any way through unknown cells."""
 _UNIT = 20.0  # cells: distances to the goal are divided by this
 _FACTOR = 8  # sides of the maps are padded to multiples of this many cells
-PRIOR = -2.0
-"""Before it has learned, a cell not seen costs its length times 1 + softplus of this."""
-_MOST_EXTRA = 20.0  # a cell costs no more than this beside its length, however unlikely
+PRIOR = 0.126928  # softplus(-2)
+"""Before it has learned, a cell not seen costs its length times 1 + this."""
+MOST_EXTRA = 1.0
+"""However unlikely it is to be feasible, a cell not seen costs less than its length times 1 + this:
+what is learned of some factories can do no more harm than that in others."""
 
 
 class Prices(NamedTuple):
@@ -41,9 +44,9 @@ class ExplorerNetwork(nn.Module):
     """A U-Net gives each cell that was not seen a cost, and a dynamic programme finds the way.
 
     A move costs its length in cells into a cell seen to be feasible, `BLOCKED` into another that
-    was seen, and its length times 1 + softplus(c) into one that was not, where c is learned. With c
-    = -inf throughout it would be what optimistic replanning computes: what is learned is how much
-    to distrust the unknown, and where.
+    was seen, and its length times 1 + c into one that was not, where c between 0 and `MOST_EXTRA`
+    is learned, and `PRIOR` to begin with. With c = 0 throughout it would be what optimistic
+    replanning computes: what is learned is how much to distrust the unknown, and where.
 
     Parameters
     ----------
@@ -119,7 +122,7 @@ class ExplorerNetwork(nn.Module):
         answer = self._guess(padded)[..., :columns, :rows]  # (B, 2, X, Y)
 
         # A cell that was seen costs what it is known to, another what is guessed.
-        extra = softplus(PRIOR + answer[:, 0]).clamp(max=_MOST_EXTRA)
+        extra = MOST_EXTRA * (math.log(PRIOR / (MOST_EXTRA - PRIOR)) + answer[:, 0]).sigmoid()
         cost = torch.where(is_known, 1.0, 1.0 + extra).masked_fill(is_blocked, BLOCKED)
 
         return Prices(cost, is_goal, answer[:, 1])

@@ -253,7 +253,7 @@ def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_g
         assert (cells != POOL.goal[scenes]).any(axis=1).all()
         assert (robots.steps < 15).all()
         here = np.arange(len(cells))
-        assert not np.isnan(robots.belief.maps[here, cells[:, 0], cells[:, 1]]).any()
+        assert not np.isnan(robots.maps.numpy()[here, cells[:, 0], cells[:, 1]]).any()
         ends += int((robots.steps < steps).sum())
     assert ends > 0
 

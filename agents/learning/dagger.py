@@ -50,8 +50,8 @@ class Dagger:
             self._robots = RobotBatch(config.terms, pool, self._rng, self.device)
 
         robots = self._robots
-        margin, goals, settings = robots.known(pool)
-        guess = self.network(margin, goals, settings)
+        margin, goals = robots.known(pool)
+        guess = self.network(margin, goals)
 
         # What the map is really like, to go by and, where a robot has not looked, to guess.
         is_feasible, to_go = robots.truth(pool)  # (n, X, Y)

@@ -26,7 +26,7 @@ from irs_gym.mdp.dynamics import potential, reward
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]
-Known = tuple[Tensor, Tensor, Tensor]  # of `RobotBatch.known`
+Known = tuple[Tensor, Tensor]  # of `RobotBatch.known`
 
 # Cells: the way to go is worth no more to the critic, through however unlikely cells it leads.
 _FARTHEST = 400.0

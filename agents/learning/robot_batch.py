@@ -95,14 +95,13 @@ class RobotBatch:
         inner = slice(self.config.patch_radius, -self.config.patch_radius or None)
         return self.margin[:, inner, inner]
 
-    def known(self, pool: SceneSet) -> tuple[Tensor, Tensor, Tensor]:
+    def known(self, pool: SceneSet) -> tuple[Tensor, Tensor]:
         """What the robots know, as `agents.networks.explorer.ExplorerNetwork` takes it: a copy."""
         goals = flat_cells(pool.goal[self.scenes], pool.shape)  # (n,)
 
         return (
             self.maps.clone(memory_format=torch.contiguous_format),
             torch.from_numpy(goals).to(self.device),
-            torch.from_numpy(pool.irs[self.scenes]).to(self.device),
         )
 
     def truth(self, pool: SceneSet) -> tuple[Tensor, Tensor]:

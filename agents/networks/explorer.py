@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import pad
+from torch.nn.functional import normalize, pad
 
 from agents.networks.map_network import MapPlan
 from agents.networks.planner import neighbours, plan
@@ -16,13 +16,13 @@ from irs_gym.grid import MOVE_LENGTHS
 
 BLOCKED = 1e4
 """Cost of entering a cell known to be infeasible: more than any way through unknown cells."""
-_UNIT = 20.0  # cells: distances to the goal are divided by this
 _FACTOR = 8  # sides of the maps are padded to multiples of this many cells
 PRIOR = 0.126928  # softplus(-2)
 """Before it has learned, a cell not seen costs its length times 1 + this."""
+LEAST_EXTRA = 0.05
 MOST_EXTRA = 1.0
-"""However unlikely it is to be feasible, a cell not seen costs less than its length times 1 + this:
-what is learned of some factories can do no more harm than that in others."""
+"""Whatever is learned, a cell not seen costs its length times 1 + something between these: what
+holds in some factories can do no more harm than that in others."""
 
 
 class Prices(NamedTuple):
@@ -44,9 +44,12 @@ class ExplorerNetwork(nn.Module):
     """A U-Net gives each cell that was not seen a cost, and a dynamic programme finds the way.
 
     A move costs its length in cells into a cell seen to be feasible, `BLOCKED` into another that
-    was seen, and its length times 1 + c into one that was not, where c between 0 and `MOST_EXTRA`
-    is learned, and `PRIOR` to begin with. With c = 0 throughout it would be what optimistic
-    replanning computes: what is learned is how much to distrust the unknown, and where.
+    was seen, and its length times 1 + c into one that was not, where c between `LEAST_EXTRA` and
+    `MOST_EXTRA` is learned, and `PRIOR` to begin with. With c = 0 throughout it would be what
+    optimistic replanning computes: what is learned is how much to distrust the unknown, and where.
+
+    It sees nothing that tells one kind of factory from another: neither how large a map is or how
+    far the goal, but in which direction, nor the IRS, but what it does to the margins.
 
     Parameters
     ----------
@@ -58,7 +61,7 @@ class ExplorerNetwork(nn.Module):
         super().__init__()
         twice = 2 * width
         four = 4 * width
-        self.stem = nn.Sequential(conv_block(12, width), conv_block(width, width))
+        self.stem = nn.Sequential(conv_block(8, width), conv_block(width, width))
         self.down_2 = nn.Sequential(conv_block(width, twice, stride=2), conv_block(twice, twice))
         self.down_4 = nn.Sequential(conv_block(twice, twice, stride=2), conv_block(twice, twice))
         self.down_8 = nn.Sequential(conv_block(twice, four, stride=2), conv_block(four, four))
@@ -75,7 +78,7 @@ class ExplorerNetwork(nn.Module):
 
         self.log_beta = nn.Parameter(torch.tensor(1.0))
 
-    def forward(self, margin: Tensor, goals: Tensor, settings: Tensor) -> Guess:
+    def forward(self, margin: Tensor, goals: Tensor) -> Guess:
         """Plan for what was seen.
 
         Parameters
@@ -84,17 +87,15 @@ class ExplorerNetwork(nn.Module):
             Scaled margins over the target ``(B, X, Y)``, NaN where not seen.
         goals
             Flat cells ``(B,)``.
-        settings
-            Of the IRS, ``(B, 3)``, see `irs_gym.mdp.task.irs_settings`.
         """
-        prices = self.prices(margin, goals, settings)
+        prices = self.prices(margin, goals)
         return Guess(self.plan(prices.cost, prices.is_goal), prices.feasible)
 
     def plan(self, cost: Tensor, is_goal: Tensor) -> MapPlan:
         """Plan for given costs of the cells; a map's plan is the same in any batch."""
         return plan(costs_of_moves(cost), is_goal, self.log_beta.exp())
 
-    def prices(self, margin: Tensor, goals: Tensor, settings: Tensor) -> Prices:
+    def prices(self, margin: Tensor, goals: Tensor) -> Prices:
         """What cells cost, of the arguments of `forward`."""
         columns, rows = margin.shape[1:]
         is_known = ~margin.isnan()  # (B, X, Y), as the others
@@ -115,14 +116,14 @@ class ExplorerNetwork(nn.Module):
             ],
             dim=1,
         )  # (B, 6, X, Y)
-        everywhere = settings[:, :, None, None].expand(-1, -1, columns, rows)  # (B, 3, X, Y)
-        offsets = _offsets(goals, (columns, rows))  # (B, 3, X, Y)
-        planes = torch.cat([planes, everywhere, offsets], dim=1)
+        planes = torch.cat([planes, _directions(goals, (columns, rows))], dim=1)  # (B, 8, X, Y)
         padded = pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR))
         answer = self._guess(padded)[..., :columns, :rows]  # (B, 2, X, Y)
 
         # A cell that was seen costs what it is known to, another what is guessed.
-        extra = MOST_EXTRA * (math.log(PRIOR / (MOST_EXTRA - PRIOR)) + answer[:, 0]).sigmoid()
+        first = math.log((PRIOR - LEAST_EXTRA) / (MOST_EXTRA - PRIOR))
+        share = (first + answer[:, 0]).sigmoid()
+        extra = LEAST_EXTRA + (MOST_EXTRA - LEAST_EXTRA) * share
         cost = torch.where(is_known, 1.0, 1.0 + extra).masked_fill(is_blocked, BLOCKED)
 
         return Prices(cost, is_goal, answer[:, 1])
@@ -139,14 +140,16 @@ class ExplorerNetwork(nn.Module):
         return answer
 
 
-def _offsets(goals: Tensor, shape: tuple[int, int]) -> Tensor:
-    """Where the goals lie from each cell: along x, along y and as a distance, ``(B, 3, X, Y)``."""
+def _directions(goals: Tensor, shape: tuple[int, int]) -> Tensor:
+    """Where the goals lie from each cell: x and y of a vector of length 1, ``(B, 2, X, Y)``; of
+    length 0 at the goal.
+    """
     i = torch.arange(shape[0], device=goals.device)[:, None]  # (X, 1)
     j = torch.arange(shape[1], device=goals.device)  # (Y,)
-    along_x = ((goals // shape[1])[:, None, None] - i).expand(-1, *shape) / _UNIT
-    along_y = ((goals % shape[1])[:, None, None] - j).expand(-1, *shape) / _UNIT
+    along_x = ((goals // shape[1])[:, None, None] - i).expand(-1, *shape)
+    along_y = ((goals % shape[1])[:, None, None] - j).expand(-1, *shape)
 
-    return torch.stack([along_x, along_y, along_x.hypot(along_y)], dim=1)
+    return normalize(torch.stack([along_x, along_y], dim=1).float(), dim=1)
 
 
 def costs_of_moves(cost: Tensor) -> Tensor:

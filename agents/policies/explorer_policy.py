@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from agents.networks.map_network import TIE, pack_network
 from agents.policies.belief_map import BeliefMap
 from irs_gym.grid import cells_at
-from irs_gym.mdp.packing import SETTINGS, DecodedObservation, Packing
+from irs_gym.mdp.packing import DecodedObservation, Packing
 
 Ints = NDArray[np.int64]
 _BATCH = 64  # maps in work at a time
@@ -63,7 +63,6 @@ class Explorer:
         """
         decoded = decode_local(observation, self.shape)
         patches = decoded.margin.reshape(-1, *decoded.margin.shape[-2:])  # (n, 2r+1, 2r+1)
-        settings = decoded.irs.reshape(-1, SETTINGS)  # (n, 3)
         at = decoded.cell.ravel()  # (n,)
         to = decoded.goal.ravel()  # (n,)
 
@@ -83,7 +82,7 @@ class Explorer:
         moves = old.moves.copy()
 
         for part in np.array_split(changed, -(-len(changed) // _BATCH)) if len(changed) else ():
-            moves[part] = self._plan(belief.maps[part], to[part], settings[part])
+            moves[part] = self._plan(belief.maps[part], to[part])
 
         actions = moves[np.arange(len(at)), at].astype(np.int64)
 
@@ -101,14 +100,9 @@ class Explorer:
             moves=np.zeros((robots, cells), dtype=np.uint8),
         )
 
-    def _plan(
-        self, margin: NDArray[np.float32], goals: Ints, settings: NDArray[np.float32]
-    ) -> NDArray[np.uint8]:
+    def _plan(self, margin: NDArray[np.float32], goals: Ints) -> NDArray[np.uint8]:
         network: Any = self.network.eval()
-        given = [
-            torch.from_numpy(np.ascontiguousarray(each))
-            for each in (margin, goals, settings.astype(np.float32, copy=False))
-        ]
+        given = [torch.from_numpy(np.ascontiguousarray(each)) for each in (margin, goals)]
         with torch.inference_mode():
             # In a batch, the last digits of convolutions depend on how large that is: prices are
             # asked for one by one. Sums and minima of the plan are the same in any batch.

@@ -304,12 +304,18 @@ def test_robots_of_an_expedition_move_as_the_environment_says():
         places = np.arange(10), robots.cells[:, 0], robots.cells[:, 1]
         assert (margin.numpy()[places] >= 0).all()
         np.testing.assert_array_equal(goals.numpy(), POOL.goal[robots.scenes] @ [POOL.shape[1], 1])
+        is_feasible, to_go = robots.truth(POOL)
+        np.testing.assert_array_equal(is_feasible.numpy(), POOL.feasible[robots.scenes])
+        np.testing.assert_allclose(
+            to_go.numpy() * POOL.cell_size, POOL.distance_to_go[robots.scenes], rtol=1e-6
+        )
         ends += int(arrival.is_over.sum())
         fresh = np.flatnonzero(arrival.is_over)
         assert (robots.steps[fresh] == 0).all()
-        assert (
-            np.isfinite(margin.numpy()[fresh]).sum(axis=(1, 2)) <= 9
-        ).all()  # it knows what it sees
+        # who begins anew knows what it sees, and nothing else
+        np.testing.assert_array_equal(
+            ~margin.isnan().numpy()[fresh], robots.in_view().numpy()[fresh]
+        )
     assert ends > 10
 
 

@@ -122,7 +122,7 @@ class RobotBatch:
         is_near_x = (torch.arange(columns, device=self.device) - i).abs() <= radius  # (n, X)
         is_near_y = (torch.arange(rows, device=self.device) - j).abs() <= radius  # (n, Y)
 
-        return is_near_x[:, :, None] & is_near_y[:, None]
+        return torch.logical_and(is_near_x[:, :, None], is_near_y[:, None])
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_surroundings": None}  # made anew of the pool

@@ -59,8 +59,8 @@ class ExplorerConfig:
     """Probability of a start drawn among the cells from which the goal can be reached."""
     patch_radius: int = 5
     """Cells that a robot sees in each direction."""
-    width: int = 8
-    """Channels on the map's own grid."""
+    width: int = 16
+    """Channels of the network's hidden layers."""
     device: Device = "cpu"
     """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
     total_timesteps: int = 192_000
@@ -128,8 +128,8 @@ class ExplorerPpoConfig:
     worth."""
     patch_radius: int = 5
     """Cells that a robot sees in each direction."""
-    width: int = 8
-    """Channels on the map's own grid."""
+    width: int = 16
+    """Channels of the network's hidden layers."""
     device: Device = "cpu"
     """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
     n_plans: int = 8

@@ -11,12 +11,12 @@ from torch.nn.functional import normalize, pad
 
 from agents.networks.map_network import MapPlan
 from agents.networks.planner import neighbours, plan
-from agents.networks.unet import conv_block, double_conv
 from irs_gym.grid import MOVE_LENGTHS
 
 BLOCKED = 1e4
 """Cost of entering a cell known to be infeasible: more than any way through unknown cells."""
-_FACTOR = 8  # sides of the maps are padded to multiples of this many cells
+_PLANES = 8  # what the network sees of each cell
+_DILATIONS = (1, 2, 4, 8, 4, 2, 1)  # so that an answer depends on cells up to 23 away
 PRIOR = 0.126928  # softplus(-2)
 """Before it has learned, a cell not seen costs its length times 1 + this."""
 LEAST_EXTRA = 0.05
@@ -41,7 +41,7 @@ class Guess(NamedTuple):
 
 
 class ExplorerNetwork(nn.Module):
-    """A U-Net gives each cell that was not seen a cost, and a dynamic programme finds the way.
+    """Convolutions give each cell that was not seen a cost, and a dynamic programme finds the way.
 
     A move costs its length in cells into a cell seen to be feasible, `BLOCKED` into another that
     was seen, and its length times 1 + c into one that was not, where c between `LEAST_EXTRA` and
@@ -54,20 +54,15 @@ class ExplorerNetwork(nn.Module):
     Parameters
     ----------
     width
-        Channels on the map's own grid; twice and four times as many on the coarser ones.
+        Channels of the hidden layers.
     """
 
-    def __init__(self, width: int = 8) -> None:
+    def __init__(self, width: int = 16) -> None:
         super().__init__()
-        twice = 2 * width
-        four = 4 * width
-        self.stem = nn.Sequential(conv_block(8, width), conv_block(width, width))
-        self.down_2 = nn.Sequential(conv_block(width, twice, stride=2), conv_block(twice, twice))
-        self.down_4 = nn.Sequential(conv_block(twice, twice, stride=2), conv_block(twice, twice))
-        self.down_8 = nn.Sequential(conv_block(twice, four, stride=2), conv_block(four, four))
-        self.up_4 = conv_block(four + twice, twice)
-        self.up_2 = conv_block(2 * twice, twice)
-        self.up_1 = conv_block(twice + width, width)
+        self.first = nn.Conv2d(_PLANES, width, 3, padding=1)
+        self.layers = nn.ModuleList(
+            nn.Conv2d(width, width, 3, padding=step, dilation=step) for step in _DILATIONS
+        )
         self.read_out = nn.Conv2d(width, 2, 1)
 
         # It begins near optimism: every cell costs little more than its length, most are feasible.
@@ -104,7 +99,7 @@ class ExplorerNetwork(nn.Module):
         nowhere = torch.zeros_like(is_known).flatten(1)  # (B, X * Y)
         is_goal = nowhere.scatter_(1, goals[:, None], True).view_as(is_known)
 
-        # What the network sees; the ones tell the map from the padding around it.
+        # What the network sees; the ones tell the map from what lies around it.
         planes = torch.stack(
             [
                 is_known,
@@ -117,8 +112,7 @@ class ExplorerNetwork(nn.Module):
             dim=1,
         )  # (B, 6, X, Y)
         planes = torch.cat([planes, _directions(goals, (columns, rows))], dim=1)  # (B, 8, X, Y)
-        padded = pad(planes, (0, -rows % _FACTOR, 0, -columns % _FACTOR))
-        answer = self._guess(padded)[..., :columns, :rows]  # (B, 2, X, Y)
+        answer = self._guess(planes)  # (B, 2, X, Y)
 
         # A cell that was seen costs what it is known to, another what is guessed.
         first = math.log((PRIOR - LEAST_EXTRA) / (MOST_EXTRA - PRIOR))
@@ -129,13 +123,10 @@ class ExplorerNetwork(nn.Module):
         return Prices(cost, is_goal, answer[:, 1])
 
     def _guess(self, planes: Tensor) -> Tensor:
-        # Down to an eighth of the map, and up again beside what was seen on the way down.
-        whole = self.stem(planes)
-        half = self.down_2(whole)
-        quarter = self.down_4(half)
-        quarter = self.up_4(torch.cat([quarter, double_conv(self.down_8(quarter))], dim=1))
-        half = self.up_2(torch.cat([half, double_conv(quarter)], dim=1))
-        answer: Tensor = self.read_out(self.up_1(torch.cat([whole, double_conv(half)], dim=1)))
+        found = self.first(planes).relu()
+        for layer in self.layers:
+            found = found + layer(found).relu()
+        answer: Tensor = self.read_out(found)
 
         return answer
 

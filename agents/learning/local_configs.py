@@ -49,7 +49,7 @@ class ExplorerConfig:
     """Run folder, or file, of a trained network of the same settings to begin with; None to begin
     anew.
     """
-    learning_rate: float = 2e-3
+    learning_rate: float = 1e-3
     """Learning rate at the start."""
     robots: int = 64
     """Robots on their ways at a time, each in a scene of its own."""
@@ -63,7 +63,7 @@ class ExplorerConfig:
     """Channels of the network's hidden layers."""
     device: Device = "cpu"
     """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
-    total_timesteps: int = 192_000
+    total_timesteps: int = 256_000
     """Steps of the whole schedule, counted over all robots."""
     n_steps: int = 4
     """Mean number of steps of each robot between two updates."""
@@ -98,13 +98,13 @@ class ExplorerPpoConfig:
     """Run folder, or file, of a trained network of the same settings to begin with; None to begin
     anew.
     """
-    learning_rate: float = 5e-4
+    learning_rate: float = 3e-4
     """Learning rate at the start."""
-    total_timesteps: int = 200_000
+    total_timesteps: int = 256_000
     """Steps of the whole schedule, counted over all robots."""
     n_epochs: int = 2
     """Passes over a rollout in an update."""
-    final_learning_rate: float = 5e-5
+    final_learning_rate: float = 3e-5
     """Learning rate at the end of the schedule; it falls linearly."""
     gamma: float = 1.0
     """Discount factor: with 1, the critic's target is the length of the way itself."""
@@ -112,8 +112,9 @@ class ExplorerPpoConfig:
     """Trade-off between bias and variance in the advantages."""
     ent_coef: float = 0.0
     """Weight of the entropy bonus at the start; it falls linearly to zero."""
-    vf_coef: float = 1.0
-    """Weight of the critic's error."""
+    vf_coef: float = 0.05
+    """Weight of the critic's error. The smaller it is, the more prices are learned from which moves
+    were good, and the less from how long ways were."""
     clip_range: float = 0.2
     """Largest change of an action's probability ratio that is rewarded."""
     max_grad_norm: float = 0.5

@@ -87,8 +87,13 @@ def _tested_every(steps: int) -> dict[str, int]:
 # Where the panel is switched, there are as many maps as configurations, and most switches are
 # refused: networks that see the mask learn not to try them, those that are told which cells and
 # configurations meet the target learn where a switch pays, and so do more steps and more
-# exploration.
-_SWITCHING_PPO: dict[str, Any] = {"signs": True, "gae_lambda": 0.95}
+# exploration. PPO ends it, as without a mask it would go on to try what is refused.
+_SWITCHING_MASKABLE_PPO: dict[str, Any] = {"signs": True, "gae_lambda": 0.95}
+_SWITCHING_PPO: dict[str, Any] = {
+    **_SWITCHING_MASKABLE_PPO,
+    "total_timesteps": 1_000_000,
+    "final_ent_coef": 0.002,
+}
 _SWITCHING_DQN: dict[str, Any] = {
     "signs": True,
     "total_timesteps": 700_000,
@@ -101,8 +106,10 @@ _SWITCHING_DQN: dict[str, Any] = {
 
 # Where the robot goes anywhere, no path of a network is as short as the oracle's to the last digit.
 _NEVER_EXACT = {"stop_at_optimum": False}
+# On one map, where to go follows from where the robot is.
+_PLACE = "agents.networks.place_extractor:PlaceExtractor"
 # Phases differ from cell to cell, and tell nothing of where to go.
-_DRIVING: dict[str, Any] = {"random_start": 0.95, "irs_phases": False, "patch_radius": 3}
+_DRIVING: dict[str, Any] = {"random_start": 0.5, "irs_phases": False, "patch_radius": 3}
 
 # The order is that of command lines and pages. In one scene, where paths differ by 2 % only, an
 # agent finds the best one much more surely with starts in many places.
@@ -123,7 +130,7 @@ ALGORITHMS: dict[str, Row] = {
         learner="sb3_contrib:MaskablePPO",
         env={"random_start": 0.7},
         codebook_env={"random_start": 0.9},
-        codebook_agent=_SWITCHING_PPO,
+        codebook_agent=_SWITCHING_MASKABLE_PPO,
     ),
     "ppo_lagrangian": Row(
         title="PPO-Lagrangian",
@@ -173,6 +180,7 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.single.continuous_ppo:ContinuousPpoConfig",
         learner="stable_baselines3:PPO",
         policy="agents.networks.bounded_policy:BoundedPolicy",
+        network=_PLACE,
         env=_DRIVING,
         training=_NEVER_EXACT,
     ),
@@ -181,6 +189,7 @@ ALGORITHMS: dict[str, Row] = {
         track="continuous",
         config="agents.single.sac:SacConfig",
         learner="stable_baselines3:SAC",
+        network=_PLACE,
         env=_DRIVING,
         training=_NEVER_EXACT,
     ),
@@ -189,6 +198,7 @@ ALGORITHMS: dict[str, Row] = {
         track="continuous",
         config="agents.single.td3:Td3Config",
         learner="stable_baselines3:TD3",
+        network=_PLACE,
         env=_DRIVING,
         training=_NEVER_EXACT,
     ),

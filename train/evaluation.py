@@ -158,6 +158,25 @@ class FallingEntropy(BaseCallback):
         return True
 
 
+class FallingSpread(BaseCallback):
+    """Lowers the logarithm of the standard deviation of PPO's actions linearly, over the schedule:
+    before a rollout, so that its actions and the update are of the same.
+    """
+
+    def __init__(self, first: float, last: float) -> None:
+        super().__init__()
+        self.first = first
+        self.last = last
+
+    def _on_rollout_start(self) -> None:
+        left = self.model._current_progress_remaining
+        policy: Any = self.model.policy
+        policy.log_std.data.fill_(self.last + (self.first - self.last) * left)
+
+    def _on_step(self) -> bool:
+        return True
+
+
 class Progress(BaseCallback):
     """A progress bar in steps, however many are taken at a time."""
 

@@ -28,7 +28,7 @@ from irs_gym.envs.vector_nav import IrsNavVectorEnv
 from irs_gym.mdp.task import Task
 from train import resume
 from train.config import GeneralistConfig, TrainConfig, defaults_of, record_of, settings_of
-from train.evaluation import Evaluation, FallingEntropy, Progress
+from train.evaluation import Evaluation, FallingEntropy, FallingSpread, Progress
 from train.generalisation import Generalisation
 
 
@@ -126,8 +126,11 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
 
     callbacks = [evaluation, resume.Checkpoints(evaluation, config.checkpoint_every)]
     callbacks += [Progress()] if config.progress else []
-    if hasattr(config.agent, "final_ent_coef"):
-        callbacks.append(FallingEntropy(config.agent.ent_coef, config.agent.final_ent_coef))
+    last = getattr(config.agent, "final_ent_coef", None)
+    if last is not None:
+        callbacks.append(FallingEntropy(config.agent.ent_coef, last))
+    if hasattr(config.agent, "final_log_std"):
+        callbacks.append(FallingSpread(config.agent.log_std_init, config.agent.final_log_std))
 
     with noticed(evaluation.interrupt):
         steps = config.agent.total_timesteps - model.num_timesteps

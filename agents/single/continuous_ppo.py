@@ -16,37 +16,34 @@ class ContinuousPpoConfig(PpoConfig):
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init")
     env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
-    total_timesteps: int = 1_600_000
+    total_timesteps: int = 4_500_000
     """Steps of the whole schedule, counted over all environments."""
-    n_envs: int = 128
+    n_envs: int = 512
     """Environments that are stepped together."""
     max_episode_steps: int = 64
     """Steps after which a robot is set elsewhere in training: few, so that those that are stuck do
     not make most of what is learned from."""
+    final_learning_rate: float = 2e-4
+    """Learning rate at the end of the schedule."""
     net_arch: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of each network."""
-    n_steps: int = 32
+    n_steps: int = 16
     """Steps of each environment between two updates."""
-    batch_size: int = 512
-    """Transitions in a minibatch; must divide n_envs x n_steps."""
-    n_epochs: int = 8
+    n_epochs: int = 4
     """Passes over the transitions in an update."""
     gae_lambda: float = 0.95
     """Trade-off between bias and variance in the advantages."""
-    signs: bool = True
-    """Whether networks are also told which numbers of an observation are at least 0: which cells
-    meet the target."""
-    ent_coef: float = 0.02
-    """Weight of the entropy bonus at the start; it falls linearly, so that headings spread ever
-    less."""
-    final_ent_coef: float = 0.0
-    """Weight of the entropy bonus at the end of the schedule."""
-    log_std_init: float = -0.5
-    """Logarithm of the standard deviation of actions at the start; it is learned."""
+    ent_coef: float = 0.0
+    """Weight of the entropy bonus: none, where the schedule says how far actions spread."""
+    log_std_init: float = -0.6
+    """Logarithm of the standard deviation of actions at the start; it falls linearly."""
+    final_log_std: float = -3.5
+    """That at the end of the schedule: who is drawn aside beside a wall is stopped there, so that a
+    policy keeps away from walls as far as its actions spread."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "weight", "final_ent_coef")
         check_settings(self, "whole", "max_episode_steps")
-        if not isfinite(self.log_std_init):
-            raise ValueError(f"log_std_init={self.log_std_init} must be a finite number")
+        for name in ("log_std_init", "final_log_std"):
+            if not isfinite(getattr(self, name)):
+                raise ValueError(f"{name}={getattr(self, name)} must be a finite number")

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from gymnasium import spaces
 
 from agents.registry import ALGORITHMS, learner_class, named
@@ -23,6 +24,7 @@ _NOT_THE_MODELS = (
     "learning_rate",
     "final_learning_rate",
     "final_ent_coef",
+    "final_log_std",
     "signs",
 )
 
@@ -35,10 +37,15 @@ def build_model(config: Any, env: VecEnv, seed: int) -> Any:
     if not ALGORITHMS[config.algorithm].is_sb3:
         return learner.build(config, env, seed)
 
+    from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.utils import LinearSchedule
 
     elsewhere = (*_NOT_THE_MODELS, *config.policy_settings, *config.env_settings)
     own = {name: value for name, value in asdict(config).items() if name not in elsewhere}
+
+    if "action_noise" in own:
+        spread = np.full(env.action_space.shape or (), own["action_noise"])
+        own["action_noise"] = NormalActionNoise(np.zeros_like(spread), spread)
 
     return learner(
         policy_class(config, env.observation_space),

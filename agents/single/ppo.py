@@ -41,6 +41,9 @@ class PpoConfig:
     """Weight of the entropy bonus: with less, the policy may settle on a route that is a little too
     long.
     """
+    final_ent_coef: float | None = None
+    """Weight of the entropy bonus at the end of the schedule, to which it falls linearly; None
+    where it stays as it is."""
     clip_range: float = 0.2
     """Largest change of an action's probability ratio that is rewarded."""
 
@@ -56,3 +59,5 @@ class PpoConfig:
                 f"{self.n_envs} * {self.n_steps}, so that no minibatch is cut short"
             )
         check_settings(self, "weight", "ent_coef")
+        if self.final_ent_coef is not None:
+            check_settings(self, "weight", "final_ent_coef")

@@ -50,6 +50,10 @@ class PpoLagrangianConfig(PpoConfig):
         super().__post_init__()
         check_settings(self, "whole", "round_timesteps", "test_every", "hold")
         check_settings(self, "positive", "first_price")
+        if self.final_ent_coef is not None:
+            raise ValueError(
+                f"final_ent_coef={self.final_ent_coef} must be None: in each round ent_coef stays"
+            )
 
 
 def check_bound(rules: Rules) -> None:

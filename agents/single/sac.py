@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from agents.single.td3 import Td3Config
+from agents.single.off_policy import OffPolicyConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class SacConfig(Td3Config):
+class SacConfig(OffPolicyConfig):
     """Settings of Stable-Baselines3's SAC, whose weight of the entropy is learned."""
 
     algorithm: ClassVar[str] = "sac"
 
-    target_entropy: float = -3.0
+    target_entropy: float = -4.0
     """Entropy of actions that the weight is learned to keep: below -2, one a dimension, they spread
     less."""

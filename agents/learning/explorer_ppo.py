@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from agents.learning.local_configs import ExplorerPpoConfig
-from agents.learning.optim import gradient_step, linear
+from agents.learning.optim import device_of, gradient_step, linear
 from agents.learning.ppo_loss import (
     WayCritic,
     clipped_loss,
@@ -26,7 +26,7 @@ from irs_gym.mdp.dynamics import potential, reward
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]
-Known = tuple[Tensor, Tensor, Tensor]  # of `RobotBatch.known`
+Known = tuple[Tensor, Tensor]  # of `RobotBatch.known`
 
 # Cells: the way to go is worth no more to the critic, through however unlikely cells it leads.
 _FARTHEST = 400.0
@@ -61,9 +61,10 @@ class ExplorerPpo:
         self, config: ExplorerPpoConfig, network: nn.Module, rng: np.random.Generator
     ) -> None:
         self.config = config
-        self.network = network
+        self.device = device_of(config.device)
+        self.network = network.to(self.device)
         self._rng = rng
-        self.critic = WayCritic()
+        self.critic = WayCritic().to(self.device)
         self._optimizer = torch.optim.Adam(
             [*network.parameters(), *self.critic.parameters()], config.learning_rate
         )
@@ -75,7 +76,7 @@ class ExplorerPpo:
         """
         config = self.config
         if self._robots is None:
-            self._robots = RobotBatch(config.terms, pool, self._rng)
+            self._robots = RobotBatch(config.terms, pool, self._rng, self.device)
 
         # The rollout: all robots plan n_plans times, and walk after each plan.
         with torch.no_grad():
@@ -119,10 +120,10 @@ class ExplorerPpo:
             took[k] = ~waits
 
             # Draw by the plan that all k steps have in common.
-            here = log_probs[n, cells[k]]  # (n, 8)
+            here = log_probs[n, cells[k]].cpu()  # (n, 8)
             actions[k] = sample_actions(here.exp().numpy(), uniform)
             old_log_probs[k] = here.numpy()[n, actions[k]]
-            values[k] = self._value(to_go[n, cells[k]], octile[k]).numpy()
+            values[k] = self._value(to_go[n, cells[k]], octile[k]).cpu().numpy()
 
             rewards[k], is_over = _move(robots, pool, actions[k], waits)
             not_done[k] = ~is_over
@@ -154,8 +155,8 @@ class ExplorerPpo:
         took = stage.took  # (k, n); what is picked by it below has the shape (steps taken,)
         log_probs, to_go = self._ask(stage.known)
         n = np.broadcast_to(np.arange(self.config.robots), took.shape)
-        robots = torch.from_numpy(n[took])
-        cells = torch.from_numpy(stage.cells[took])
+        robots = torch.from_numpy(n[took]).to(self.device)
+        cells = torch.from_numpy(stage.cells[took]).to(self.device)
         values = self._value(to_go[robots, cells], stage.octile[took])
 
         return clipped_loss(
@@ -163,8 +164,8 @@ class ExplorerPpo:
             progress,
             log_probs[robots, cells],
             stage.actions[took],
-            torch.from_numpy(stage.old_log_probs[took]),
-            advantages[torch.from_numpy(took)],
+            torch.from_numpy(stage.old_log_probs[took]).to(self.device),
+            advantages[torch.from_numpy(took)].to(self.device),
             values,
             returns[took],
         )
@@ -179,13 +180,15 @@ class ExplorerPpo:
         return logits.log_softmax(dim=-1), plan.to_go.flatten(1)
 
     def _value(self, to_go: Tensor, octile: Floats) -> Tensor:
-        return self.critic.values(to_go.clamp(max=_FARTHEST), torch.from_numpy(octile))
+        return self.critic.values(
+            to_go.clamp(max=_FARTHEST), torch.from_numpy(octile).to(self.device)
+        )
 
     def _values_here(self, pool: SceneSet, robots: RobotBatch) -> Floats:
         """Values of where the robots are now, ``(n,)``."""
         _, to_go = self._ask(robots.known(pool))
         here = to_go[np.arange(self.config.robots), _flat(robots, pool)]
-        return np.asarray(self._value(here, _octile(robots, pool)).numpy())
+        return np.asarray(self._value(here, _octile(robots, pool)).cpu().numpy())
 
 
 def _move(

@@ -6,10 +6,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from agents.learning.map_configs import check_network_settings, check_proximal
 from agents.single.config import check_settings
+
+Device = Literal["cpu", "cuda", "auto"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +49,7 @@ class ExplorerConfig:
     """Run folder, or file, of a trained network of the same settings to begin with; None to begin
     anew.
     """
-    learning_rate: float = 2e-3
+    learning_rate: float = 1e-3
     """Learning rate at the start."""
     robots: int = 64
     """Robots on their ways at a time, each in a scene of its own."""
@@ -57,9 +59,11 @@ class ExplorerConfig:
     """Probability of a start drawn among the cells from which the goal can be reached."""
     patch_radius: int = 5
     """Cells that a robot sees in each direction."""
-    width: int = 8
-    """Channels on the map's own grid."""
-    total_timesteps: int = 192_000
+    width: int = 16
+    """Channels of the network's hidden layers."""
+    device: Device = "cpu"
+    """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
+    total_timesteps: int = 256_000
     """Steps of the whole schedule, counted over all robots."""
     n_steps: int = 4
     """Mean number of steps of each robot between two updates."""
@@ -94,13 +98,13 @@ class ExplorerPpoConfig:
     """Run folder, or file, of a trained network of the same settings to begin with; None to begin
     anew.
     """
-    learning_rate: float = 5e-4
+    learning_rate: float = 3e-4
     """Learning rate at the start."""
-    total_timesteps: int = 200_000
+    total_timesteps: int = 256_000
     """Steps of the whole schedule, counted over all robots."""
     n_epochs: int = 2
     """Passes over a rollout in an update."""
-    final_learning_rate: float = 5e-5
+    final_learning_rate: float = 3e-5
     """Learning rate at the end of the schedule; it falls linearly."""
     gamma: float = 1.0
     """Discount factor: with 1, the critic's target is the length of the way itself."""
@@ -108,8 +112,9 @@ class ExplorerPpoConfig:
     """Trade-off between bias and variance in the advantages."""
     ent_coef: float = 0.0
     """Weight of the entropy bonus at the start; it falls linearly to zero."""
-    vf_coef: float = 1.0
-    """Weight of the critic's error."""
+    vf_coef: float = 0.05
+    """Weight of the critic's error. The smaller it is, the more prices are learned from which moves
+    were good, and the less from how long ways were."""
     clip_range: float = 0.2
     """Largest change of an action's probability ratio that is rewarded."""
     max_grad_norm: float = 0.5
@@ -124,8 +129,10 @@ class ExplorerPpoConfig:
     worth."""
     patch_radius: int = 5
     """Cells that a robot sees in each direction."""
-    width: int = 8
-    """Channels on the map's own grid."""
+    width: int = 16
+    """Channels of the network's hidden layers."""
+    device: Device = "cpu"
+    """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
     n_plans: int = 8
     """Plans of each robot between two updates."""
     plan_steps: int = 4

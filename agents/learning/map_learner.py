@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import IO, TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -86,7 +87,7 @@ class MapLearner:
     @property
     def policy(self) -> MapPolicy | Explorer:
         """What acts by the network as it is now."""
-        network = self.teacher.network
+        network = _on_cpu(self.teacher.network)
         settings = network_settings(self.config)
         name = ALGORITHMS[self.config.algorithm].network_name
 
@@ -106,6 +107,12 @@ class MapLearner:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "pool": None}
+
+
+def _on_cpu(network: nn.Module) -> nn.Module:
+    """The network itself where it is on the CPU, else a copy there."""
+    is_there = all(each.device.type == "cpu" for each in network.parameters())
+    return network if is_there else deepcopy(network).cpu()
 
 
 def first_network(config: MapAgentConfig) -> nn.Module:

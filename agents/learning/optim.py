@@ -1,4 +1,6 @@
-"""`gradient_step`: one step down a gradient that is cut where it is too long."""
+"""`gradient_step`: one step down a gradient that is cut where it is too long; its schedules, and
+the device that it is taken on.
+"""
 
 from __future__ import annotations
 
@@ -27,6 +29,17 @@ def gradient_step(
         [each for group in optimizer.param_groups for each in group["params"]], max_grad_norm
     )
     optimizer.step()
+
+
+def device_of(name: str) -> str:
+    """The device of that name, of which ``"auto"`` is a GPU where there is one; raises
+    ``ValueError`` for ``"cuda"`` where there is none.
+    """
+    has_gpu = torch.cuda.is_available()
+    if name == "cuda" and not has_gpu:
+        raise ValueError("device='cuda' needs a GPU that PyTorch can use: 'cpu' or 'auto' do not")
+
+    return ("cuda" if has_gpu else "cpu") if name == "auto" else name
 
 
 def cosine(learning_rate: float, progress: float) -> float:

@@ -89,13 +89,14 @@ def clipped_loss(
         Logarithms of the probabilities of the actions when they were drawn.
     """
     # The policy: ratios beyond the clip range gain nothing more (eq. 7 of PPO).
-    new_log_probs = log_probs.gather(-1, torch.from_numpy(actions)[..., None])[..., 0]
+    taken = torch.from_numpy(actions).to(log_probs.device)[..., None]
+    new_log_probs = log_probs.gather(-1, taken)[..., 0]
     ratio = (new_log_probs - old_log_probs).exp()
     clipped = ratio.clamp(1.0 - config.clip_range, 1.0 + config.clip_range)
     policy_objective = torch.minimum(ratio * advantages, clipped * advantages).mean()
 
     # The critic: over the variance, so that its weight is the same however long the ways are.
-    target = torch.from_numpy(returns)
+    target = torch.from_numpy(returns).to(values.device)
     value_loss = (values - target).square().mean() / (target.var() + 1.0)
 
     # Entropy keeps the policy from settling early: its weight falls to zero.

@@ -131,7 +131,7 @@ def pack_network(name: str, settings: Mapping[str, Any], network: nn.Module) -> 
     """A network as the content of a file; equal weights give equal bytes."""
     content = BytesIO()
     header = np.array(json.dumps({"network": name, "settings": dict(settings)}))
-    weights = {f"weight:{key}": each.numpy() for key, each in network.state_dict().items()}
+    weights = {f"weight:{key}": each.cpu().numpy() for key, each in network.state_dict().items()}
     np.savez_compressed(content, header=header, **weights)
 
     return content.getvalue()

@@ -232,9 +232,10 @@ class _CostToGo(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:
         best, is_end = ctx.saved_tensors
         cells = best.numel()
-        steps = torch.from_numpy(flat_cells(MOVES, best.shape[1:]))
-        ahead = torch.where(is_end, cells, torch.arange(cells).view_as(best) + steps[best])
-        ahead = torch.cat([ahead.flatten(), torch.tensor([cells])])  # paths end in an extra cell
+        steps = torch.from_numpy(flat_cells(MOVES, best.shape[1:])).to(best.device)
+        here = torch.arange(cells, device=best.device).view_as(best)
+        ahead = torch.where(is_end, cells, here + steps[best]).flatten()
+        ahead = torch.cat([ahead, ahead.new_full((1,), cells)])  # paths end in an extra cell
         through = torch.cat([gradient.flatten(), gradient.new_zeros(1)])
 
         # In round k each cell hands all that it has gathered to the cell 2**k moves ahead.

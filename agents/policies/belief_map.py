@@ -52,7 +52,7 @@ class BeliefMap:
     def look(self, cells: Ints, patches: Floats) -> "BeliefMap":
         """With the patches ``(n, 2r+1, 2r+1)`` around the robots' cells ``(n, 2)``."""
         margin = self.margin.copy()
-        margin[_windows(cells, self.radius)] = patches
+        margin[windows(cells, self.radius)] = patches
         return BeliefMap(margin, self.radius)
 
 
@@ -60,16 +60,21 @@ def patches_of(pool: SceneSet, scenes: Ints, cells: Ints, radius: int) -> Floats
     """What robots in cells ``(n, 2)`` of scenes ``(n,)`` see, ``(n, 2r+1, 2r+1)``, as the
     environment shows it.
     """
+    return np.asarray(padded_margin(pool, scenes, radius)[windows(cells, radius)])
+
+
+def padded_margin(pool: SceneSet, scenes: Any, radius: int) -> Floats:
+    """Scaled margins of some scenes of a pool with a border as wide as a robot sees, ``(n, X + 2r,
+    Y + 2r)``.
+    """
     margin = scaled_margin(pool.gain_db[scenes], pool.target_db[scenes, None, None])  # (n, X, Y)
 
     # Off the map there is nothing but obstacles.
     border = ((0, 0), (radius, radius), (radius, radius))
-    padded = np.pad(margin, border, constant_values=-1.0)  # (n, X + 2r, Y + 2r)
-
-    return np.asarray(padded[_windows(cells, radius)])
+    return np.pad(margin, border, constant_values=-1.0)
 
 
-def _windows(cells: Ints, radius: int) -> tuple[Ints, Ints, Ints]:
+def windows(cells: Ints, radius: int) -> tuple[Ints, Ints, Ints]:
     """Where the patch around each cell ``(n, 2)`` stands in maps with a border, one map a cell:
     indices that make ``(n, 2r+1, 2r+1)``.
     """

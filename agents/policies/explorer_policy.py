@@ -14,7 +14,7 @@ from agents.networks.map_network import TIE, pack_network
 from agents.policies.belief_map import BeliefMap
 from agents.policies.traced_prices import traced_prices
 from irs_gym.grid import cells_at
-from irs_gym.mdp.packing import SETTINGS, DecodedObservation, Packing
+from irs_gym.mdp.packing import DecodedObservation, Packing
 
 Ints = NDArray[np.int64]
 _BATCH = 64  # maps in work at a time
@@ -64,7 +64,6 @@ class Explorer:
         """
         decoded = decode_local(observation, self.shape)
         patches = decoded.margin.reshape(-1, *decoded.margin.shape[-2:])  # (n, 2r+1, 2r+1)
-        settings = decoded.irs.reshape(-1, SETTINGS)  # (n, 3)
         at = decoded.cell.ravel()  # (n,)
         to = decoded.goal.ravel()  # (n,)
 
@@ -84,7 +83,7 @@ class Explorer:
         moves = old.moves.copy()
 
         for part in np.array_split(changed, -(-len(changed) // _BATCH)) if len(changed) else ():
-            moves[part] = self._plan(belief.maps[part], to[part], settings[part])
+            moves[part] = self._plan(belief.maps[part], to[part])
 
         actions = moves[np.arange(len(at)), at].astype(np.int64)
 
@@ -102,19 +101,14 @@ class Explorer:
             moves=np.zeros((robots, cells), dtype=np.uint8),
         )
 
-    def _plan(
-        self, margin: NDArray[np.float32], goals: Ints, settings: NDArray[np.float32]
-    ) -> NDArray[np.uint8]:
+    def _plan(self, margin: NDArray[np.float32], goals: Ints) -> NDArray[np.uint8]:
         network: Any = self.network.eval()
-        margins, to, irs = (
-            torch.from_numpy(np.ascontiguousarray(each))
-            for each in (margin, goals, settings.astype(np.float32, copy=False))
-        )
+        margins, to = (torch.from_numpy(np.ascontiguousarray(each)) for each in (margin, goals))
         with torch.inference_mode():
             # In a batch, the last digits of convolutions depend on how large that is: prices are
             # asked for one by one. Sums and minima of the plan are the same in any batch.
             prices = [
-                traced_prices(network, (margins[n : n + 1], to[n : n + 1], irs[n : n + 1]))
+                traced_prices(network, (margins[n : n + 1], to[n : n + 1]))
                 for n in range(len(goals))
             ]
             cost = torch.cat([each.cost for each in prices])  # (n, X, Y)

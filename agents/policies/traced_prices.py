@@ -12,7 +12,7 @@ from agents.networks.explorer import Prices
 _traced: "WeakKeyDictionary[nn.Module, dict[tuple[int, ...], Any]]" = WeakKeyDictionary()
 
 
-def traced_prices(network: nn.Module, given: tuple[Tensor, Tensor, Tensor]) -> Prices:
+def traced_prices(network: nn.Module, given: tuple[Tensor, Tensor]) -> Prices:
     """``network.prices(*given)`` to the last digit, in about half of the time.
 
     The same kernels run in the same order on the network's own weights, from a trace that is made
@@ -24,7 +24,7 @@ def traced_prices(network: nn.Module, given: tuple[Tensor, Tensor, Tensor]) -> P
     network
         An `agents.networks.explorer.ExplorerNetwork`.
     given
-        Margins ``(1, X, Y)``, goals ``(1,)`` and settings ``(1, 3)``.
+        Margins ``(1, X, Y)`` and goals ``(1,)``.
     """
     traces = _traced.setdefault(network, {})
     shape = tuple(given[0].shape)

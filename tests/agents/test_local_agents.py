@@ -19,7 +19,14 @@ from agents.learning.map_learner import MapLearner, first_network
 from agents.learning.ppo_loss import clipped_loss, generalized_advantages, sample_actions
 from agents.learning.robot_batch import RobotBatch
 from agents.learning.sb3_configs import LocalPpoConfig
-from agents.networks.explorer import BLOCKED, ExplorerNetwork, costs_of_moves
+from agents.networks.explorer import (
+    BLOCKED,
+    LEAST_EXTRA,
+    MOST_EXTRA,
+    PRIOR,
+    ExplorerNetwork,
+    costs_of_moves,
+)
 from agents.networks.local_extractor import FRAME, LocalExtractor
 from agents.policies.belief_map import BeliefMap, patches_of
 from agents.policies.explorer_policy import Explorer, decode_local, likeliest
@@ -42,9 +49,7 @@ def explorer(seed=0, shape=(9, 7), optimistic=False) -> Explorer:
     if optimistic:
         with torch.no_grad():
             network.read_out.weight.zero_()
-            network.read_out.bias.fill_(
-                -100.0
-            )  # softplus of it is nothing: the unknown costs its length
+            network.read_out.bias.fill_(-100.0)  # the unknown costs as little as it may
     return Explorer({"width": 8}, network, shape)
 
 
@@ -115,8 +120,25 @@ def test_move_costs_its_length_times_the_cell_ahead_and_none_leads_off_the_map()
     assert (costs[0, :, 0, 0] >= BLOCKED).sum() == 5
 
 
-def test_optimistic_explorer_walks_as_far_as_optimistic_replanning_does_where_nothing_ties():
+def test_prices_begin_at_the_prior_and_stay_in_their_bounds():
+    network = explorer().network
+    margin = torch.full((1, 9, 7), torch.nan)
+    margin[0, 2:5, 2:5] = 0.5
+    margin[0, 3, 4] = -0.5
+    for bias, expected in ((0.0, PRIOR), (-1e3, LEAST_EXTRA), (1e3, MOST_EXTRA)):
+        with torch.no_grad():
+            network.read_out.bias[0] = bias
+            cost = network.prices(margin, torch.tensor([0])).cost
+        np.testing.assert_allclose(cost[margin.isnan()], 1.0 + expected, rtol=1e-6)
+        assert (cost[margin >= 0] == 1.0).all()
+        assert (cost[margin < 0] == BLOCKED).all()
+
+
+def test_optimistic_explorer_walks_as_far_as_optimistic_replanning_does_where_nothing_ties(
+    monkeypatch,
+):
     """Both plan over the same cells: each step of one is a shortest step of the other."""
+    monkeypatch.setattr("agents.networks.explorer.LEAST_EXTRA", 0.0)
     policy = explorer(optimistic=True)
     env = env_of(POOL, observation="flat", patch_radius=2)
     for n in range(len(POOL)):
@@ -146,7 +168,7 @@ def test_known_obstacles_are_never_entered_and_unknown_cells_cost_more():
     margin = torch.full((1, 8, 8), torch.nan)
     margin[0, 2:5, 2:5] = 0.5
     margin[0, 4, 3] = -0.2
-    guess = network(margin, torch.tensor([63]), torch.zeros(1, 3))
+    guess = network(margin, torch.tensor([63]))
     assert guess.feasible.shape == (1, 8, 8)
     assert (guess.plan.logits[0, 0, 3, 3] < -10).all()  # east of (3, 3) lies (4, 3)
     assert guess.plan.to_go[0, 7, 7] == 0
@@ -253,7 +275,7 @@ def test_robots_of_an_exploration_stay_on_feasible_cells_and_begin_anew_at_the_g
         assert (cells != POOL.goal[scenes]).any(axis=1).all()
         assert (robots.steps < 15).all()
         here = np.arange(len(cells))
-        assert not np.isnan(robots.belief.maps[here, cells[:, 0], cells[:, 1]]).any()
+        assert not np.isnan(robots.maps.numpy()[here, cells[:, 0], cells[:, 1]]).any()
         ends += int((robots.steps < steps).sum())
     assert ends > 0
 
@@ -278,16 +300,22 @@ def test_robots_of_an_expedition_move_as_the_environment_says():
             if not arrival.is_over[n]:
                 np.testing.assert_array_equal(robots.cells[n], arrival.cells[n])
                 assert robots.steps[n] == steps[n] + (not waits[n])
-        margin, goals, _ = robots.known(POOL)
+        margin, goals = robots.known(POOL)
         places = np.arange(10), robots.cells[:, 0], robots.cells[:, 1]
         assert (margin.numpy()[places] >= 0).all()
         np.testing.assert_array_equal(goals.numpy(), POOL.goal[robots.scenes] @ [POOL.shape[1], 1])
+        is_feasible, to_go = robots.truth(POOL)
+        np.testing.assert_array_equal(is_feasible.numpy(), POOL.feasible[robots.scenes])
+        np.testing.assert_allclose(
+            to_go.numpy() * POOL.cell_size, POOL.distance_to_go[robots.scenes], rtol=1e-6
+        )
         ends += int(arrival.is_over.sum())
         fresh = np.flatnonzero(arrival.is_over)
         assert (robots.steps[fresh] == 0).all()
-        assert (
-            np.isfinite(margin.numpy()[fresh]).sum(axis=(1, 2)) <= 9
-        ).all()  # it knows what it sees
+        # who begins anew knows what it sees, and nothing else
+        np.testing.assert_array_equal(
+            ~margin.isnan().numpy()[fresh], robots.in_view().numpy()[fresh]
+        )
     assert ends > 10
 
 

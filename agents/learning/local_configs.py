@@ -61,6 +61,9 @@ class ExplorerConfig:
     """Cells that a robot sees in each direction."""
     width: int = 16
     """Channels of the network's hidden layers."""
+    trust: float = 0.5
+    """Share of what it has learned of prices that it acts on. With 1 it does best in factories of
+    the kind that it learns in, with less of it in others too."""
     device: Device = "cpu"
     """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
     total_timesteps: int = 256_000
@@ -76,7 +79,7 @@ class ExplorerConfig:
         check_settings(self, "positive", "learning_rate")
         check_network_settings(self)
         check_settings(self, "whole", "robots", "max_steps", "patch_radius")
-        check_settings(self, "share", "random_start")
+        check_settings(self, "share", "random_start", "trust")
         check_settings(self, "whole", "total_timesteps", "n_steps")
         check_settings(self, "positive", "max_grad_norm")
         check_settings(self, "weight", "guess_coef")
@@ -131,6 +134,9 @@ class ExplorerPpoConfig:
     """Cells that a robot sees in each direction."""
     width: int = 16
     """Channels of the network's hidden layers."""
+    trust: float = 0.5
+    """Share of what it has learned of prices that it acts on. With 1 it does best in factories of
+    the kind that it learns in, with less of it in others too."""
     device: Device = "cpu"
     """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
     n_plans: int = 8
@@ -143,7 +149,7 @@ class ExplorerPpoConfig:
         check_network_settings(self)
         check_proximal(self)
         check_settings(self, "whole", "robots", "max_steps", "patch_radius")
-        check_settings(self, "share", "random_start")
+        check_settings(self, "share", "random_start", "trust")
         check_settings(self, "whole", "n_plans", "plan_steps")
 
     @property

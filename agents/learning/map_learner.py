@@ -10,6 +10,7 @@ import torch
 from torch import nn
 
 from agents.learning.map_configs import MapAgentConfig, network_settings
+from agents.networks.explorer import ExplorerNetwork
 from agents.networks.map_network import FILE_BYTES, build_network, unpack_network
 from agents.policies.explorer_policy import Explorer
 from agents.policies.map_policy import MapPolicy
@@ -89,13 +90,11 @@ class MapLearner:
         """What acts by the network as it is now."""
         network = _on_cpu(self.teacher.network)
         settings = network_settings(self.config)
-        name = ALGORITHMS[self.config.algorithm].network_name
+        if isinstance(network, ExplorerNetwork):
+            trust: float = self.config.trust  # type: ignore[attr-defined]  # as explorers have it
+            return Explorer(settings, network.tempered(trust))
 
-        return (
-            Explorer(settings, network)
-            if name == "explorer"
-            else MapPolicy(name, settings, network)
-        )
+        return MapPolicy(ALGORITHMS[self.config.algorithm].network_name, settings, network)
 
     def set_logger(self, logger: Logger) -> None:
         """Log to there from now on."""

@@ -10,7 +10,7 @@ def given(rng: torch.Generator, shape: tuple[int, int]) -> tuple[torch.Tensor, .
     margin = torch.rand((1, *shape), generator=rng) * 2.0 - 1.0
     unknown = torch.rand((1, *shape), generator=rng) < 0.5
     goal = torch.randint(shape[0] * shape[1], (1,), generator=rng)
-    return margin.masked_fill(unknown, torch.nan), goal, torch.rand((1, 3), generator=rng)
+    return margin.masked_fill(unknown, torch.nan), goal
 
 
 def test_they_are_the_networks_own_in_maps_of_any_size_and_after_it_has_learned():

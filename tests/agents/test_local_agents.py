@@ -134,6 +134,41 @@ def test_prices_begin_at_the_prior_and_stay_in_their_bounds():
         assert (cost[margin < 0] == BLOCKED).all()
 
 
+def test_what_is_acted_on_lies_between_the_prior_and_what_was_learned():
+    network = explorer().network
+    with torch.no_grad():
+        network.read_out.weight[0].normal_(generator=torch.Generator().manual_seed(0))
+        network.read_out.bias[0] = 0.7
+    margin = torch.full((1, 9, 7), torch.nan)
+    margin[0, 2:5, 2:5] = 0.5
+    goal = torch.tensor([0])
+    with torch.no_grad():
+        none, half, whole, own = (
+            each.prices(margin, goal)
+            for each in (
+                network.tempered(0.0),
+                network.tempered(0.5),
+                network.tempered(1.0),
+                network,
+            )
+        )
+    np.testing.assert_allclose(none.cost[margin.isnan()], 1.0 + PRIOR, rtol=1e-6)
+    assert torch.equal(whole.cost, own.cost)
+    lower, upper = torch.minimum(none.cost, own.cost), torch.maximum(none.cost, own.cost)
+    assert ((lower <= half.cost) & (half.cost <= upper)).all()
+    assert (half.cost != own.cost).any()
+    assert (half.cost != none.cost).any()
+    assert torch.equal(none.feasible, own.feasible)  # the guess is not what is tempered
+
+
+def test_a_learner_acts_on_the_share_that_it_trusts():
+    config = ExplorerConfig(robots=4, total_timesteps=64, trust=0.25, width=8)
+    learner = MapLearner(config, POOL, seed=0)
+    with torch.no_grad():
+        learner.teacher.network.read_out.bias[0] = 2.0
+    assert learner.policy.network.read_out.bias[0] == 0.5
+
+
 def test_optimistic_explorer_walks_as_far_as_optimistic_replanning_does_where_nothing_ties(
     monkeypatch,
 ):

@@ -91,18 +91,21 @@ def _tested_every(steps: int) -> dict[str, int]:
 _SWITCHING_MASKABLE_PPO: dict[str, Any] = {"signs": True, "gae_lambda": 0.95}
 _SWITCHING_PPO: dict[str, Any] = {
     **_SWITCHING_MASKABLE_PPO,
-    "total_timesteps": 1_000_000,
+    "total_timesteps": 1_500_000,
     "final_ent_coef": 0.002,
 }
 _SWITCHING_DQN: dict[str, Any] = {
     "signs": True,
-    "total_timesteps": 700_000,
+    "total_timesteps": 1_400_000,
     "n_envs": 256,
     "batch_size": 256,
     "gradient_steps": 8,
     "buffer_size": 300_000,
     "exploration_final_eps": 0.1,
 }
+
+# What lies in the unseen part of a scene is learned from many.
+_MANY_SCENES: dict[str, Any] = {"num_scenes": 8000}
 
 # Where the robot goes anywhere, no path of a network is as short as the oracle's to the last digit.
 _NEVER_EXACT = {"stop_at_optimum": False}
@@ -256,6 +259,7 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.learning.local_configs:ExplorerConfig",
         learner="agents.learning.dagger:Dagger",
         network="agents.networks.explorer:ExplorerNetwork",
+        env=_MANY_SCENES,
         training=_tested_every(64_000),
     ),
     "explorer_ppo": Row(
@@ -264,7 +268,8 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.learning.local_configs:ExplorerPpoConfig",
         learner="agents.learning.explorer_ppo:ExplorerPpo",
         network="agents.networks.explorer:ExplorerNetwork",
-        training=_tested_every(50_000),
+        env=_MANY_SCENES,
+        training=_tested_every(32_000),
     ),
     "local_ppo": Row(
         title="PPO (SB3)",

@@ -1,12 +1,17 @@
 """Facts of agents and reference policies where the robot goes anywhere on the floor."""
 
 import json
+from dataclasses import replace
+from math import inf
 from pathlib import Path
+from shutil import copytree
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
 import pytest
 from evaluating import call as evaluate
+from PIL import Image
 from tiny import TINY, call, continuous_floor
 
 from agents.policies.continuous_heuristics import CONTINUOUS_REFERENCES
@@ -15,6 +20,8 @@ from agents.rollout.episode import evaluation_env, roll_out, scene_task_of
 from agents.runs.problem import problem_of
 from agents.runs.run_folder import Run
 from agents.vec_env import IrsNavVecEnv
+from eval.commands import watch
+from eval.scoreboard.continuous_scores import FINER, _replay
 from irs_gym import RadioMap, shortest_path
 from irs_gym.datasets.continuous_task import ContinuousTask
 from irs_gym.envs.continuous_vector_nav import IrsNavContinuousVectorEnv
@@ -171,7 +178,70 @@ def test_the_page_holds_every_algorithm_and_reference(runs, tmp_path, monkeypatc
         assert found == (None if entry.ratio is None else pytest.approx(entry.ratio))
     page = (tmp_path / "continuous.md").read_text()
     assert "| *grid oracle* |" in page
+    assert "replayed in steps of 0.25 and 0.125 s" in page
     assert evaluate(monkeypatch, "continuous", tmp_path) == 2
+
+
+def test_steps_of_another_length_are_another_problem_with_the_same_optima(
+    runs, tmp_path, monkeypatch
+):
+    words = [*TINY["sac"], *STEPS, *continuous_floor(tmp_path), "--env.time-step", 0.25]
+    assert call(["sac", "--out", tmp_path / "runs" / "finer", *words]) == 0
+    copytree(runs / "sac", tmp_path / "runs" / "sac")
+    assert evaluate(monkeypatch, "continuous", tmp_path / "runs", "--out", tmp_path) == 0
+    usual, finer = json.loads((tmp_path / "continuous.json").read_text())["problems"]
+    assert finer["problem"] == f"{usual['problem']}, time step 0.25"
+    assert (usual["time_step"], finer["time_step"]) == (0.5, 0.25)
+    for name in ("optimum", "grid_optimum"):
+        assert usual[name] == pytest.approx(finer[name], abs=1e-9)
+    assert [len(each["policies"][0]["seeds"]) for each in (usual, finer)] == [2, 1]
+    page = (tmp_path / "continuous.md").read_text()
+    assert page.count("\n## ") == 3
+    assert "A step takes 0.25 s: at full speed 0.25 m." in page
+
+
+class East:
+    """A policy that always goes to the east."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        return np.array([1.0, 0.0]), state
+
+
+def test_a_policy_is_replayed_in_parts_of_a_step_and_a_failure_is_infinite(runs):
+    run = Run.open(runs / "td3" / "seed0")
+    result = SimpleNamespace(
+        run=SimpleNamespace(
+            task=replace(run.task, start=(0.5, 2.5)), load_model=lambda name: East()
+        )
+    )
+    for parts in FINER:
+        assert _replay(result, parts) == pytest.approx(3.75)
+    result.run.task = replace(run.task, start=(0.5, 0.5))
+    assert [_replay(result, parts) for parts in FINER] == [inf, inf]
+
+
+@pytest.mark.parametrize("algorithm", ["continuous_ppo", "sac"])
+def test_a_run_is_shown_as_a_picture_and_as_text(runs, tmp_path, monkeypatch, capsys, algorithm):
+    folder = runs / algorithm / "seed0"
+    assert evaluate(monkeypatch, "animate", folder, "--out", tmp_path / "run.gif") == 0
+    assert "the oracle needs 4.222 m" in capsys.readouterr().out
+    with Image.open(tmp_path / "run.gif") as picture:
+        assert picture.n_frames > 1
+    assert evaluate(monkeypatch, "watch", folder) == 0
+    assert "S start   G goal" in capsys.readouterr().out
+
+
+def test_references_are_shown_in_a_window_and_as_a_picture(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(watch.time, "sleep", lambda seconds: None)
+    words = ["--continuous", "--target-db", -61.8, "--fps", 50]
+    assert evaluate(monkeypatch, "watch", "oracle", "--human", *words) == 0
+    assert "after 21.493 m; the oracle needs 21.493 m" in capsys.readouterr().out
+    file = tmp_path / "grid.gif"
+    assert evaluate(monkeypatch, "animate", "grid_oracle", "--out", file, *words) == 0
+    assert "after 22.978 m, the oracle needs 21.493 m" in capsys.readouterr().out
+    with Image.open(file) as picture:
+        assert picture.n_frames > 45
 
 
 def test_the_sweep_has_ten_seeds_of_each_algorithm_at_three_targets():

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from agents.networks.place_extractor import WAVES
 from eval.estimates import estimate_cell
 from eval.markdown import table, template, text
 from eval.origin import commands_block, origin_text
@@ -14,6 +15,7 @@ def continuous_page(board: Mapping[str, Any]) -> str:
     """The page of what `eval.commands.continuous` has found."""
     return template("continuous.md").format(
         runs=board["runs"],
+        waves=WAVES,
         commands=commands_block(board["commands"]),
         problems="\n\n".join(map(problem_section, board["problems"])),
         left_out=left_out_text(board["left_out"]),

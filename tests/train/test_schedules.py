@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from stable_baselines3 import PPO
 from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.policies import ActorCriticPolicy
 from tiny import TINY, call, continuous_floor
 
 from agents.runs.run_folder import Run
@@ -23,24 +24,28 @@ def updates(monkeypatch):
     were drawn and by which it learns.
     """
     seen = []
-    collect, learn = PPO.collect_rollouts, PPO.train
+    drawn = []
+    forward, learn = ActorCriticPolicy.forward, PPO.train
 
-    def collect_rollouts(model, *arguments, **settings):
-        collected = collect(model, *arguments, **settings)
-        if hasattr(model.policy, "log_std"):
-            model.drawn = model.policy.log_std.tolist()
-        return collected
+    def act(policy, *arguments, **settings):
+        drawn.append(_log_std(policy))
+        return forward(policy, *arguments, **settings)
 
     def train(model):
-        log_std = getattr(model.policy, "log_std", None)
+        before = _log_std(model.policy)
         learn(model)
-        if log_std is not None:
-            assert model.policy.log_std.tolist() == model.drawn  # it is not learned
-        seen.append((model.ent_coef, None if log_std is None else log_std.tolist()))
+        assert _log_std(model.policy) == before  # it is not learned
+        assert all(each == before for each in drawn)
+        drawn.clear()
+        seen.append((model.ent_coef, before))
 
-    monkeypatch.setattr(PPO, "collect_rollouts", collect_rollouts)
+    monkeypatch.setattr(ActorCriticPolicy, "forward", act)
     monkeypatch.setattr(PPO, "train", train)
     return seen
+
+
+def _log_std(policy):
+    return policy.log_std.tolist() if hasattr(policy, "log_std") else None
 
 
 def interrupt_at(monkeypatch, steps):

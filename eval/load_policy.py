@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium
 
+from agents.policies.continuous_heuristics import CONTINUOUS_REFERENCES
 from agents.policies.explorer_policy import Explorer
 from agents.policies.heuristics import REFERENCE_POLICIES
 from agents.policies.model_file import read_network
@@ -15,6 +16,7 @@ from agents.registry import ALGORITHMS, drivers, generalists, observation_of, sp
 from agents.rollout.episode import SceneTask, arguments_of, env_id_of
 from agents.runs.pretrained import load_pretrained
 from agents.runs.run_folder import Run
+from irs_gym.datasets.continuous_task import ContinuousTask
 from irs_gym.datasets.generator import CELL_SIZE
 from irs_gym.datasets.scene_set import frame_of, scene_set_of
 from irs_gym.files import read_file
@@ -26,7 +28,7 @@ from irs_gym.radio.scene import load_scene
 class Place:
     """Where a policy plays, if not where it learned.
 
-    The first four are for one scene, the last two for the generated ones. What learned in one task
+    The first four are for one scene, the next two for the generated ones. What learned in one task
     plays there.
     """
 
@@ -44,14 +46,16 @@ class Place:
     """
     scene_id: int | None = None
     """Number of the scene in it; the first by default."""
+    continuous: bool = False
+    """Whether a reference policy goes anywhere on the floor, and not from cell to cell."""
 
     @property
     def given(self) -> dict[str, Any]:
-        """What is set."""
+        """What is set of the scene."""
         return {
             each.name: getattr(self, each.name)
             for each in fields(self)
-            if getattr(self, each.name) is not None
+            if each.name != "continuous" and getattr(self, each.name) is not None
         }
 
     @property
@@ -68,7 +72,7 @@ class Place:
         return self.given
 
     def scenes(self) -> tuple[dict[str, Any], int]:
-        """Arguments of `IrsNavRandom-v0`, and the number of the scene.
+        """Arguments of an environment of many scenes, and the number of the scene.
 
         Raises
         ------
@@ -132,6 +136,9 @@ def load_policy(
     ValueError
         Where there is no such policy, or it does not play there.
     """
+    if place.continuous:
+        return _continuous_reference(name, place, render_mode, seed)
+
     if Path(name).suffix == ".npz":
         policy = read_network(read_file(Path(name)))
         observation = "flat" if isinstance(policy, Explorer) else "map"
@@ -152,6 +159,9 @@ def load_policy(
         return _generalist(load_pretrained(name).policy, name, place, render_mode)
     if name in REFERENCE_POLICIES:
         return _reference(lambda env: REFERENCE_POLICIES[name](env, seed), place, render_mode)
+
+    if name in CONTINUOUS_REFERENCES:
+        raise ValueError(f"{name!r} goes anywhere on the floor: continuous must be given too")
 
     known = ", ".join([*ALGORITHMS, *REFERENCE_POLICIES])
     raise ValueError(f"{name!r} is neither a run folder nor one of {known}")
@@ -198,6 +208,24 @@ def _reference(
     # a reference policy is made for its environment, which comes first
     blank = _on_scenes(None, "flat", place, render_mode)
     return replace(blank, policy=make(blank.env))
+
+
+def _continuous_reference(
+    name: str, place: Place, render_mode: str | None, seed: int
+) -> LoadedPolicy:
+    if name not in CONTINUOUS_REFERENCES:
+        known = ", ".join(CONTINUOUS_REFERENCES)
+        raise ValueError(f"continuous is for {known}, and cannot be given with {name!r}")
+
+    if place.split is None and place.scene_id is None:
+        env = _in_task(ContinuousTask(**place.given), render_mode)
+        options = None
+    else:
+        arguments, number = place.scenes()
+        env = gymnasium.make("irs_gym:IrsNavContinuous-v0", render_mode=render_mode, **arguments)
+        options = {"scene_id": number}
+
+    return LoadedPolicy(CONTINUOUS_REFERENCES[name](env, seed), env, options)
 
 
 def _in_task(task: SceneTask, render_mode: str | None) -> gymnasium.Env[Any, Any]:

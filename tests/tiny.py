@@ -10,7 +10,7 @@ from shlex import split
 import numpy as np
 import pytest
 
-from agents.registry import specialists
+from agents.registry import drivers, specialists
 from agents.runs.run_folder import Run
 from irs_gym import RadioMap
 from irs_gym.files import read_arrays
@@ -19,6 +19,7 @@ from train.__main__ import main
 _RUN = split("--eval-every 64 --checkpoint-every 96 --env.patch-radius 1 --no-progress")
 _ON_POLICY = split("--agent.n-steps 16 --agent.batch-size 32 --agent.n-epochs 2")
 _OFF_POLICY = split("--agent.learning-starts 32 --agent.batch-size 32 --agent.buffer-size 256")
+_DRIVING = split("--agent.gradient-steps 1")
 _NETWORK = split("--agent.net-arch 8")
 _ROUNDS = split("--agent.round-timesteps 256 --agent.test-every 64")
 TINY: dict[str, list[str]] = {
@@ -30,6 +31,15 @@ TINY: dict[str, list[str]] = {
         *(_ON_POLICY if "ppo" in algorithm else _OFF_POLICY if algorithm.endswith("dqn") else []),
     ]
     for algorithm in specialists()
+}
+TINY |= {
+    algorithm: [
+        *_RUN,
+        *split("--agent.n-envs 4"),
+        *_NETWORK,
+        *(_ON_POLICY if "ppo" in algorithm else [*_OFF_POLICY, *_DRIVING]),
+    ]
+    for algorithm in drivers()
 }
 
 
@@ -56,6 +66,15 @@ def open_floor(folder: Path) -> list[str]:
     """Arguments for a small map without obstacles."""
     RadioMap.from_array(np.zeros((5, 4)), 1.0).save(folder / "floor.npz")
     return split(f"--env.radio-map {folder / 'floor.npz'} --env.start 0 0 --env.goal 4 2")
+
+
+def continuous_floor(folder: Path) -> list[str]:
+    """The same for a robot that goes anywhere on it."""
+    RadioMap.from_array(np.zeros((5, 4)), 1.0).save(folder / "floor.npz")
+    return split(
+        f"--env.radio-map {folder / 'floor.npz'} --env.target-db -3 --env.start 0.5 0.5 "
+        "--env.goal 4.5 2.5"
+    )
 
 
 def numbers(run: Run, name: str = "last") -> list[np.ndarray]:

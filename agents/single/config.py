@@ -5,14 +5,17 @@ of settings.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isfinite
 from typing import Any, ClassVar, Literal, Protocol
 
-Kind = Literal["whole", "positive", "share", "weight"]
+Kind = Literal["whole", "positive", "share", "weight", "finite", "log_std"]
 _KINDS: dict[Kind, tuple[Callable[[Any], bool], str]] = {
     "whole": (lambda value: value >= 1, "be a positive integer"),
     "positive": (lambda value: 0 < value < float("inf"), "be a positive number"),
     "share": (lambda value: 0 <= value <= 1, "be a number from 0 to 1"),
     "weight": (lambda value: 0 <= value < float("inf"), "not be negative"),
+    "finite": (isfinite, "be a finite number"),
+    "log_std": (lambda value: -20 <= value <= 2, "be a number from -20 to 2"),  # as in SB3's SAC
 }
 
 

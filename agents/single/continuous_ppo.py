@@ -1,7 +1,6 @@
 """`ContinuousPpoConfig`: the settings of proximal policy optimisation for headings."""
 
 from dataclasses import dataclass
-from math import isfinite
 from typing import ClassVar
 
 from agents.single.config import check_settings
@@ -45,6 +44,4 @@ class ContinuousPpoConfig(PpoConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_settings(self, "whole", "max_episode_steps")
-        for name in ("log_std_init", "final_log_std"):
-            if not isfinite(getattr(self, name)):
-                raise ValueError(f"{name}={getattr(self, name)} must be a finite number")
+        check_settings(self, "log_std", "log_std_init", "final_log_std")

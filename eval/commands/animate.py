@@ -26,7 +26,7 @@ def main(
     policy
         An algorithm with a pretrained model (ppo, dqn, planner, explorer ...), a run folder, the
         file of a network, or a reference policy (oracle, replanning, greedy, greedy_margin,
-        masked_random, random).
+        masked_random, random; with continuous, oracle, grid_oracle, straight, random).
     place
         Where it plays.
     out

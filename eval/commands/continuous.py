@@ -79,6 +79,8 @@ def continuous_board(
                 "optimum": references["oracle"].median,
                 "grid_optimum": grid,
                 "goal_radius": problem.goal_radius,
+                "speed": problem.speed,
+                "time_step": problem.time_step,
                 "policies": [each.as_json() for each in (*rows, *references.values())],
             }
         )

@@ -37,7 +37,8 @@ def main(
     ----------
     policy
         An algorithm with a pretrained model (ppo, dqn, planner, explorer ...), a run folder, the
-        file of a network, or a reference policy (oracle, replanning, greedy ...).
+        file of a network, or a reference policy (oracle, replanning, greedy ...; with
+        continuous, oracle, grid_oracle, straight, random).
     place
         Where it plays.
     human

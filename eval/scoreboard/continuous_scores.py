@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.rollout.episode import TOLERANCE, EpisodeResult, evaluation_env
+from agents.rollout.episode import TOLERANCE, EpisodeResult, evaluation_env, roll_out
 from eval.estimates import estimate_as_json, finite
 from eval.scoreboard.results import Result
 from eval.scoreboard.score import RANDOM, play_references
 from eval.statistics import Estimate, estimate, estimate_median, share
+
+FINER = (2, 4)  # parts of a step in which policies are replayed
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,9 @@ class Standing:
         ``success`` and ``shorter``: shares of the seeds; ``ratio`` to the exact optimum and
         ``seconds``, of training before the first test that was shorter than the grid's path:
         medians in which a failure is infinite; ``spl``: a mean.
+    replayed
+        Median distances of the same policies in steps of 1/2 and 1/4 of the time; none of a
+        reference.
     """
 
     name: str
@@ -44,6 +49,7 @@ class Standing:
     distances: tuple[float, ...]
     shorter: int
     estimates: dict[str, Estimate]
+    replayed: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, name: str, results: Sequence[Result], grid: float) -> "Standing":
@@ -58,7 +64,11 @@ class Standing:
         seconds = [_first_shorter(each, grid) for each in results]
 
         return replace(
-            standing, estimates={**standing.estimates, "seconds": estimate_median(seconds)}
+            standing,
+            estimates={**standing.estimates, "seconds": estimate_median(seconds)},
+            replayed=tuple(
+                float(np.median([_replay(each, parts) for each in results])) for parts in FINER
+            ),
         )
 
     @property
@@ -73,6 +83,7 @@ class Standing:
             "seeds": list(self.seeds),
             "distances": [finite(each) for each in self.distances],
             "median": finite(self.median),
+            "replayed": [finite(each) for each in self.replayed],
             "estimates": {name: estimate_as_json(each) for name, each in self.estimates.items()},
         }
 
@@ -111,6 +122,17 @@ def _of_episodes(
     }
 
     return Standing(name, kind, tuple(seeds), tuple(distances), shorter, estimates)
+
+
+def _replay(result: Result, parts: int) -> float:
+    """Metres of the best policy of a run where each step is cut into so many, at each of which it
+    may turn; infinite for a failure.
+    """
+    task: Any = result.run.task
+    env = evaluation_env(replace(task, time_step=task.time_step / parts))
+    episode = roll_out(result.run.load_model("best"), env)
+
+    return episode.distance if episode.is_success else inf
 
 
 def _first_shorter(result: Result, grid: float) -> float:

@@ -73,6 +73,7 @@ def test_every_setting_reaches_the_learner(algorithm):
         "total_timesteps",
         "learning_rate",
         "final_learning_rate",
+        "final_ent_coef",
         "signs",
         *agent.policy_settings,
     }

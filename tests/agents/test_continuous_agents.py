@@ -1,14 +1,18 @@
 """Facts of agents and reference policies where the robot goes anywhere on the floor."""
 
 import json
+from dataclasses import replace
+from math import inf
 from pathlib import Path
-from shlex import split
+from shutil import copytree
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
 import pytest
 from evaluating import call as evaluate
-from tiny import call
+from PIL import Image
+from tiny import TINY, call, continuous_floor
 
 from agents.policies.continuous_heuristics import CONTINUOUS_REFERENCES
 from agents.registry import ALGORITHMS, drivers
@@ -16,6 +20,8 @@ from agents.rollout.episode import evaluation_env, roll_out, scene_task_of
 from agents.runs.problem import problem_of
 from agents.runs.run_folder import Run
 from agents.vec_env import IrsNavVecEnv
+from eval.commands import watch
+from eval.scoreboard.continuous_scores import FINER, _replay
 from irs_gym import RadioMap, shortest_path
 from irs_gym.datasets.continuous_task import ContinuousTask
 from irs_gym.envs.continuous_vector_nav import IrsNavContinuousVectorEnv
@@ -24,30 +30,12 @@ from train.plan import Plan, PlanError
 
 ID = "irs_gym:IrsNavContinuous-v0"
 SWEEPS = Path(__file__).resolve().parents[2] / "train" / "sweeps"
-WORDS = {
-    "continuous_ppo": "--agent.n-steps 16 --agent.batch-size 32 --agent.n-epochs 2",
-    "sac": "--agent.learning-starts 32 --agent.batch-size 32 --agent.buffer-size 256 "
-    "--agent.gradient-steps 1",
-    "td3": "--agent.learning-starts 32 --agent.batch-size 32 --agent.buffer-size 256 "
-    "--agent.gradient-steps 1",
-}
-RUN = split(
-    "--eval-every 64 --checkpoint-every 96 --env.patch-radius 1 --no-progress "
-    "--agent.n-envs 4 --agent.net-arch 8 --agent.total-timesteps 128"
-)
+STEPS = ("--agent.total-timesteps", 128)
 
 
 def play(name, **kwargs):
     env = gymnasium.make(ID, **kwargs)
     return roll_out(CONTINUOUS_REFERENCES[name](env, 0), env)
-
-
-def open_floor(folder):
-    RadioMap.from_array(np.zeros((5, 4)), 1.0).save(folder / "floor.npz")
-    return split(
-        f"--env.radio-map {folder / 'floor.npz'} --env.target-db -3 --env.start 0.5 0.5 "
-        "--env.goal 4.5 2.5"
-    )
 
 
 @pytest.mark.parametrize("target_db", [-60.0, -61.8, -62.5, -65.0])
@@ -141,7 +129,7 @@ def runs(tmp_path_factory):
     for algorithm in drivers():
         for seed in range(2):
             out = folder / algorithm / f"seed{seed}"
-            words = [*RUN, *split(WORDS[algorithm]), *open_floor(folder), "--seed", seed]
+            words = [*TINY[algorithm], *STEPS, *continuous_floor(folder), "--seed", seed]
             assert call([algorithm, "--out", out, *words]) == 0
     return folder
 
@@ -190,7 +178,70 @@ def test_the_page_holds_every_algorithm_and_reference(runs, tmp_path, monkeypatc
         assert found == (None if entry.ratio is None else pytest.approx(entry.ratio))
     page = (tmp_path / "continuous.md").read_text()
     assert "| *grid oracle* |" in page
+    assert "replayed in steps of 0.25 and 0.125 s" in page
     assert evaluate(monkeypatch, "continuous", tmp_path) == 2
+
+
+def test_steps_of_another_length_are_another_problem_with_the_same_optima(
+    runs, tmp_path, monkeypatch
+):
+    words = [*TINY["sac"], *STEPS, *continuous_floor(tmp_path), "--env.time-step", 0.25]
+    assert call(["sac", "--out", tmp_path / "runs" / "finer", *words]) == 0
+    copytree(runs / "sac", tmp_path / "runs" / "sac")
+    assert evaluate(monkeypatch, "continuous", tmp_path / "runs", "--out", tmp_path) == 0
+    usual, finer = json.loads((tmp_path / "continuous.json").read_text())["problems"]
+    assert finer["problem"] == f"{usual['problem']}, time step 0.25"
+    assert (usual["time_step"], finer["time_step"]) == (0.5, 0.25)
+    for name in ("optimum", "grid_optimum"):
+        assert usual[name] == pytest.approx(finer[name], abs=1e-9)
+    assert [len(each["policies"][0]["seeds"]) for each in (usual, finer)] == [2, 1]
+    page = (tmp_path / "continuous.md").read_text()
+    assert page.count("\n## ") == 3
+    assert "A step takes 0.25 s: at full speed 0.25 m." in page
+
+
+class East:
+    """A policy that always goes to the east."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        return np.array([1.0, 0.0]), state
+
+
+def test_a_policy_is_replayed_in_parts_of_a_step_and_a_failure_is_infinite(runs):
+    run = Run.open(runs / "td3" / "seed0")
+    result = SimpleNamespace(
+        run=SimpleNamespace(
+            task=replace(run.task, start=(0.5, 2.5)), load_model=lambda name: East()
+        )
+    )
+    for parts in FINER:
+        assert _replay(result, parts) == pytest.approx(3.75)
+    result.run.task = replace(run.task, start=(0.5, 0.5))
+    assert [_replay(result, parts) for parts in FINER] == [inf, inf]
+
+
+@pytest.mark.parametrize("algorithm", ["continuous_ppo", "sac"])
+def test_a_run_is_shown_as_a_picture_and_as_text(runs, tmp_path, monkeypatch, capsys, algorithm):
+    folder = runs / algorithm / "seed0"
+    assert evaluate(monkeypatch, "animate", folder, "--out", tmp_path / "run.gif") == 0
+    assert "the oracle needs 4.222 m" in capsys.readouterr().out
+    with Image.open(tmp_path / "run.gif") as picture:
+        assert picture.n_frames > 1
+    assert evaluate(monkeypatch, "watch", folder) == 0
+    assert "S start   G goal" in capsys.readouterr().out
+
+
+def test_references_are_shown_in_a_window_and_as_a_picture(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(watch.time, "sleep", lambda seconds: None)
+    words = ["--continuous", "--target-db", -61.8, "--fps", 50]
+    assert evaluate(monkeypatch, "watch", "oracle", "--human", *words) == 0
+    assert "after 21.493 m; the oracle needs 21.493 m" in capsys.readouterr().out
+    file = tmp_path / "grid.gif"
+    assert evaluate(monkeypatch, "animate", "grid_oracle", "--out", file, *words) == 0
+    assert "after 22.978 m, the oracle needs 21.493 m" in capsys.readouterr().out
+    with Image.open(file) as picture:
+        assert picture.n_frames > 45
 
 
 def test_the_sweep_has_ten_seeds_of_each_algorithm_at_three_targets():
@@ -201,6 +252,54 @@ def test_the_sweep_has_ten_seeds_of_each_algorithm_at_three_targets():
     assert {each.env.target_db for each in configs} == {-61.8, -62.5, -60.0}
     assert {each.env.field for each in configs} == {"cells"}
     assert all(each.agent == defaults_of(each.agent.algorithm).agent for each in configs)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "setting", "message"),
+    [
+        ("continuous_ppo", "--agent.log-std-init nan", "log_std_init=nan must be"),
+        ("continuous_ppo", "--agent.final-log-std -21", "final_log_std=-21.0 must be"),
+        ("continuous_ppo", "--agent.log-std-init 3", "log_std_init=3.0 must be"),
+        ("continuous_ppo", "--agent.ent-coef -0.1", "ent_coef=-0.1 must not be negative"),
+        ("continuous_ppo", "--agent.final-ent-coef nan", "final_ent_coef=nan must not be"),
+        ("continuous_ppo", "--agent.max-episode-steps 0", "max_episode_steps=0 must be"),
+        ("continuous_ppo", "--agent.batch-size 1000", "batch_size=1000 must be 2 or more"),
+        ("td3", "--agent.action-noise -0.1", "action_noise=-0.1 must not be negative"),
+        ("td3", "--agent.target-policy-noise nan", "target_policy_noise=nan must not be"),
+        ("td3", "--agent.target-noise-clip inf", "target_noise_clip=inf must not be"),
+        ("td3", "--agent.tau 1.5", "tau=1.5 must be a number from 0 to 1"),
+        ("sac", "--agent.target-entropy nan", "target_entropy=nan must be a finite number"),
+        ("sac", "--agent.buffer-size 10", "buffer_size=10 must be at least n_envs"),
+        ("sac", "--agent.learning-starts -1", "learning_starts=-1 must not be negative"),
+        ("sac", "--agent.gradient-steps 0", "gradient_steps=0 must be"),
+        ("ppo", "--agent.final-ent-coef -0.01", "final_ent_coef=-0.01 must not be negative"),
+        ("ppo_lagrangian", "--agent.final-ent-coef 0.01", "final_ent_coef=0.01 must be None"),
+    ],
+)
+def test_settings_out_of_range_are_refused_by_name(capsys, tmp_path, algorithm, setting, message):
+    assert call([algorithm, "--out", tmp_path / "run", *setting.split()]) == 2
+    assert message in " ".join(capsys.readouterr().err.replace("│", " ").split())
+    assert not (tmp_path / "run").exists()
+
+
+def test_ppo_learns_to_go_round_a_wall_that_stops_who_goes_straight(tmp_path):
+    gain_db = np.zeros((6, 5))
+    gain_db[3, :2] = -9.0
+    wall = RadioMap.from_array(gain_db, 1.0)
+    wall.save(tmp_path / "wall.npz")
+    ends = {"start": (0.5, 0.5), "goal": (5.5, 0.5)}
+    assert not play("straight", radio_map=wall, target_db=-3.0, **ends).is_success
+    words = (
+        f"--env.radio-map {tmp_path / 'wall.npz'} --env.target-db -3 --env.start 0.5 0.5 "
+        "--env.goal 5.5 0.5 --env.patch-radius 1 --env.random-start 0.8 --agent.n-envs 64 "
+        "--agent.batch-size 256 --agent.net-arch 32 32 --agent.learning-rate 0.002 "
+        "--agent.total-timesteps 45000 --eval-every 4096 --no-progress"
+    )
+    assert call(["continuous_ppo", "--out", tmp_path / "run", *words.split()]) == 0
+    run = Run.open(tmp_path / "run")
+    found = roll_out(run.load_model("best"), evaluation_env(run.task))
+    assert found.is_success
+    assert 1.0 < found.ratio < 1.25
 
 
 def test_what_moves_over_a_grid_and_what_goes_anywhere_are_not_mixed_up(tmp_path):

@@ -30,7 +30,7 @@ from agents.registry import (
 from agents.runs.run_folder import Run
 from eval.commands.pretrain import Kept
 from eval.unseen import scores as unseen_scores
-from irs_gym.datasets import random_task, scene_set, splits
+from irs_gym.datasets import scene_set, splits
 from train.config import defaults_of
 from train.plan import Plan, PlanError
 
@@ -230,7 +230,7 @@ def test_new_algorithm_on_many_scenes_is_one_file_and_one_row(tmp_path, monkeypa
     def build(split, num_scenes, **_):
         return tiny_pool(6, (8, 8), seed=len(split))
 
-    for module in (scene_set, random_task, unseen_scores):
+    for module in (scene_set, unseen_scores):
         monkeypatch.setattr(module, "build_scene_set", build)
 
     for name, each in splits.SPLITS.items():

@@ -13,7 +13,7 @@ from agents.rollout.scene_set import play_scene_set
 from agents.runs.pretrained import MODELS, load_pretrained
 from eval.load_policy import AT_HOME, Place, load_policy
 from irs_gym import load_scene, shortest_path
-from irs_gym.datasets import random_task
+from irs_gym.datasets import random_task, scene_set
 from irs_gym.datasets.scene_set import scene_set_of
 
 POOL = tiny_pool(4, (50, 40), seed=1)
@@ -28,7 +28,7 @@ def splits(monkeypatch):
         asked.append((split, num_scenes))
         return POOL
 
-    monkeypatch.setattr(random_task, "build_scene_set", build)
+    monkeypatch.setattr(scene_set, "build_scene_set", build)
     random_task._build_worlds.cache_clear()
     yield asked
     random_task._build_worlds.cache_clear()
@@ -79,6 +79,25 @@ def test_references_play_the_task_and_the_generated_scenes(splits):
     assert episode_of(found).distance == pytest.approx(path.distance)
 
 
+@pytest.mark.parametrize(
+    ("name", "distance"), [("oracle", 21.493), ("grid_oracle", 22.978), ("straight", None)]
+)
+def test_references_go_anywhere_on_the_floor_where_that_is_asked_for(name, distance):
+    found = load_policy(name, Place(target_db=-61.8, continuous=True), "ansi")
+    assert found.env.spec.id == "IrsNavContinuous-v0"
+    episode = episode_of(found)
+    assert episode.is_success == (distance is not None)
+    assert distance is None or episode.distance == pytest.approx(distance, abs=1e-3)
+
+
+def test_references_go_anywhere_in_a_generated_scene(splits):
+    found = load_policy("oracle", Place(split="ood-size", scene_id=1, continuous=True), "ansi")
+    assert splits == [("ood-size", 2)]
+    assert found.env.spec.id == "IrsNavContinuous-v0"
+    assert found.options == {"scene_id": 1}
+    assert episode_of(found).is_optimal
+
+
 def test_pretrained_agents_of_one_task_play_it_alone():
     found = load_policy("ppo", Place(target_db=-62.5, phase_bits=1), "ansi")
     assert isinstance(found.env, gymnasium.Env)
@@ -105,6 +124,12 @@ def test_pretrained_agents_of_one_task_play_it_alone():
         (["planner", "--target-db", "-40"], "-59.5106 dB"),
         (["planner", "--phase-bits", "0"], "phase_bits"),
         (["nowhere.npz"], "nowhere.npz"),
+        (["straight"], "'straight' goes anywhere on the floor: continuous must be given too"),
+        (["planner", "--continuous"], "continuous is for oracle, grid_oracle, straight, random"),
+        (
+            ["oracle", "--continuous", "--scene-id", "1", "--target-db", "-60"],
+            "scene_id cannot be given along with target_db",
+        ),
     ],
 )
 def test_what_cannot_be_shown_is_told_in_a_line(monkeypatch, capsys, words, message):

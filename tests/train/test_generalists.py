@@ -17,7 +17,7 @@ from agents.rollout.scene_set import follow
 from agents.runs.run_folder import Run, RunError
 from agents.single.model import build_model
 from agents.vec_env import IrsNavVecEnv
-from irs_gym.datasets import random_task, scene_set, splits
+from irs_gym.datasets import scene_set, splits
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
 from train.config import defaults_of, parse, record_of, settings_of
 
@@ -66,7 +66,6 @@ def pools(monkeypatch):
         return tiny_pool(6, (8, 8), seed=len(split))
 
     monkeypatch.setattr(scene_set, "build_scene_set", build)
-    monkeypatch.setattr(random_task, "build_scene_set", build)
     for name, each in splits.SPLITS.items():
         monkeypatch.setitem(splits.SPLITS, name, replace(each, frame=(8, 8)))
     return asked

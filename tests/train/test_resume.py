@@ -16,7 +16,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tiny import TINY, call, curve, numbers, open_floor
 
-from agents.registry import specialists
+from agents.registry import drivers, specialists
 from agents.runs import run_folder
 from agents.runs.run_folder import Run
 from irs_gym.files import write_file
@@ -90,7 +90,7 @@ def assert_equal(run: Run, other: Run) -> None:
     assert files == others
 
 
-@pytest.mark.parametrize("algorithm", specialists())
+@pytest.mark.parametrize("algorithm", [*specialists(), *drivers()])
 def test_resumed_run_equals_one_that_was_never_interrupted(tmp_path, monkeypatch, whole, algorithm):
     reference = whole(algorithm)
     crash_after(monkeypatch, 2)

@@ -199,6 +199,7 @@ def test_settings_for_rl_zoo3_are_those_of_train(config):
         "net_arch",
         "learning_rate",
         "final_learning_rate",
+        "final_ent_coef",
         "signs",
     }
     assert zoo == {name: value for name, value in vars(config).items() if name not in others}

@@ -144,7 +144,7 @@ def test_with_a_codebook_the_command_line_is_that_of_its_environment(tmp_path):
     assert config.env.codebook == ("dft", 8)
     assert (config.env.switch_cost, config.env.random_start) == (0.3, 0.9)
     tuned = (config.env.observation, config.agent.total_timesteps)
-    assert tuned == ("masked", 2_400_000)  # for it
+    assert tuned == ("masked", 1_500_000)  # for it
     assert config.agent.signs
     FEW.save(tmp_path / "few.npz")
     wide = parse("ppo", split("--env.codebook dft 8 --env.robot-radius 0.2 --env.collision body"))

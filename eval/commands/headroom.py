@@ -41,7 +41,7 @@ def main(
 ) -> int:
     """Compute the belief optimum of each small family, play the policies, and write headroom.md.
 
-    Takes some ten minutes of a core, nearly all of them for the explorers.
+    Takes some twenty minutes of a core, nearly all of them for the explorers.
 
     Parameters
     ----------

@@ -248,10 +248,15 @@ def test_the_sweep_has_ten_seeds_of_each_algorithm_at_three_targets():
     plan = Plan.load(SWEEPS / "continuous.toml")
     plan.check()
     configs = plan.configs()
-    assert len(configs) == 3 * 3 * 10
+    wide = [each for each in configs if each.env.random_start == 0.6]
+    assert len(configs) == 3 * 3 * 10 + len(wide)
     assert {each.env.target_db for each in configs} == {-61.8, -62.5, -60.0}
     assert {each.env.field for each in configs} == {"cells"}
-    assert all(each.agent == defaults_of(each.agent.algorithm).agent for each in configs)
+    others = [each for each in configs if each not in wide]
+    assert all(each.agent == defaults_of(each.agent.algorithm).agent for each in others)
+    assert {(each.seed, each.env.target_db, each.agent.log_std_init) for each in wide} == {
+        (seed, -61.8, -0.2) for seed in range(10)
+    }
 
 
 @pytest.mark.parametrize(

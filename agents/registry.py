@@ -185,7 +185,7 @@ ALGORITHMS: dict[str, Row] = {
         policy="agents.networks.bounded_policy:BoundedPolicy",
         network=_PLACE,
         env=_DRIVING,
-        training=_NEVER_EXACT,
+        training={**_NEVER_EXACT, "eval_every": 16_384},
     ),
     "sac": Row(
         title="SAC",

@@ -244,7 +244,8 @@ def test_references_are_shown_in_a_window_and_as_a_picture(tmp_path, monkeypatch
         assert picture.n_frames > 45
 
 
-def test_the_sweep_has_ten_seeds_of_each_algorithm_at_three_targets():
+def test_the_sweep_has_ten_seeds_of_each_algorithm_at_three_targets(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)  # where no runs are
     plan = Plan.load(SWEEPS / "continuous.toml")
     plan.check()
     configs = plan.configs()

@@ -142,25 +142,9 @@ class Evaluation(BaseCallback):
         return episode.is_success and episode.distance < self.best.distance
 
 
-class FallingEntropy(BaseCallback):
-    """Lowers the weight of PPO's entropy bonus linearly, over the schedule."""
-
-    def __init__(self, first: float, last: float) -> None:
-        super().__init__()
-        self.first = first
-        self.last = last
-
-    def _on_rollout_end(self) -> None:
-        left = self.model._current_progress_remaining
-        self.model.ent_coef = self.last + (self.first - self.last) * left  # type: ignore[attr-defined]
-
-    def _on_step(self) -> bool:
-        return True
-
-
-class FallingSpread(BaseCallback):
-    """Lowers the logarithm of the standard deviation of PPO's actions linearly, over the schedule:
-    before a rollout, so that its actions and the update are of the same.
+class _Falling(BaseCallback):
+    """Lowers something of PPO linearly over the schedule: before a rollout, so that its actions and
+    the update are of the same.
     """
 
     def __init__(self, first: float, last: float) -> None:
@@ -170,11 +154,28 @@ class FallingSpread(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         left = self.model._current_progress_remaining
-        policy: Any = self.model.policy
-        policy.log_std.data.fill_(self.last + (self.first - self.last) * left)
+        self._assign(self.last + (self.first - self.last) * left)
 
     def _on_step(self) -> bool:
         return True
+
+    def _assign(self, value: float) -> None:
+        raise NotImplementedError
+
+
+class FallingEntropy(_Falling):
+    """Lowers the weight of PPO's entropy bonus."""
+
+    def _assign(self, value: float) -> None:
+        self.model.ent_coef = value  # type: ignore[attr-defined]
+
+
+class FallingSpread(_Falling):
+    """Lowers the logarithm of the standard deviation of PPO's actions."""
+
+    def _assign(self, value: float) -> None:
+        policy: Any = self.model.policy
+        policy.log_std.data.fill_(value)
 
 
 class Progress(BaseCallback):

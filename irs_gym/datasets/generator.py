@@ -13,7 +13,7 @@ from irs_gym.datasets.layouts.families import FamilyName, Layout, draw_layout
 from irs_gym.datasets.layouts.floor_plan import draw_walls
 from irs_gym.datasets.solved_scene import SolvedScene, radio_map_of
 from irs_gym.grid import Cell, Grid, as_cell, checked_point, octile_distance
-from irs_gym.mdp.robot import PAPER_ROBOT, Collision, Robot
+from irs_gym.mdp.robot import PAPER_ROBOT, Collision, Fit, Robot
 from irs_gym.oracle.shortest_path import distance_to_go, highest_feasible_target, largest_component
 from irs_gym.radio.fields import Point3, Wall
 from irs_gym.radio.geometry import TOUCH, Boxes, is_in_footprint
@@ -407,16 +407,22 @@ def _floor(grid: Grid, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
 # --- the task -------------------------------------------------------------------------------------
 
 
+def _room_left(factory: Scene, robot: Robot) -> tuple[Fit, NDArray[np.bool_]]:
+    """What the factory leaves the robot, and the largest part of it that hangs together, ``(X,
+    Y)``.
+    """
+    # its boxes all hold the centre of a cell, so that a point has nothing to ask of them
+    fit = robot.fit(radio_map_of(factory, CELL_SIZE), None if robot.is_point else factory)
+    return fit, largest_component(fit.radio_map.free, **fit.motion)
+
+
 def _draw_task(
     rng: np.random.Generator, factory: Scene, detour: float, robot: Robot
 ) -> SolvedScene | None:
     """The factory with a task for the robot whose detour is above the one given; None where none
     was found.
     """
-    # whose boxes all hold the centre of a cell, so that a point has nothing to ask of them
-    asked = None if robot.is_point else factory
-    radio_map, motion = robot.fit(radio_map_of(factory, CELL_SIZE), asked)
-    floor_cells = largest_component(radio_map.free, **motion)  # (X, Y)
+    (radio_map, motion), floor_cells = _room_left(factory, robot)
     if not floor_cells.any():
         return None
 
@@ -451,9 +457,7 @@ def _draw_walled_task(
     """The factory with a task for the robot that walls alone decide, whose detour lies within
     `DETOURS`; None where none was found.
     """
-    asked = None if robot.is_point else factory
-    radio_map, motion = robot.fit(radio_map_of(factory, CELL_SIZE), asked)
-    floor_cells = largest_component(radio_map.free, **motion)  # (X, Y)
+    (radio_map, motion), floor_cells = _room_left(factory, robot)
     if not floor_cells.any():
         return None
 

@@ -40,6 +40,8 @@ class Row:
         reads observations in front of the policy, if not its own.
     policy
         The class of its policy, where that is none of Stable-Baselines3's own, as a string.
+    masked_policy
+        That for ``mask_head=True``; None where there is none.
     env, training
         What its runs change in the defaults of their environment, and of their other settings.
     codebook_env, codebook_agent
@@ -54,6 +56,7 @@ class Row:
     mixes: str | None = None
     network: str | None = None
     policy: str | None = None
+    masked_policy: str | None = None
     env: Mapping[str, Any] = field(default_factory=dict)
     training: Mapping[str, Any] = field(default_factory=dict)
     codebook_env: Mapping[str, Any] = field(default_factory=dict)
@@ -85,14 +88,14 @@ def _tested_every(steps: int) -> dict[str, int]:
 
 
 # Where the panel is switched, there are as many maps as configurations, and most switches are
-# refused: networks that see the mask learn not to try them, those that are told which cells and
-# configurations meet the target learn where a switch pays, and so do more steps and more
-# exploration. PPO ends it, as without a mask it would go on to try what is refused.
+# refused: networks that see the mask, and add it to the scores of actions with one weight, soon
+# learn not to try them, and those that are told which cells and configurations meet the target
+# learn where a switch pays.
 _SWITCHING_MASKABLE_PPO: dict[str, Any] = {"signs": True, "gae_lambda": 0.95}
 _SWITCHING_PPO: dict[str, Any] = {
     **_SWITCHING_MASKABLE_PPO,
+    "mask_head": True,
     "total_timesteps": 1_500_000,
-    "final_ent_coef": 0.002,
 }
 _SWITCHING_DQN: dict[str, Any] = {
     "signs": True,
@@ -122,6 +125,7 @@ ALGORITHMS: dict[str, Row] = {
         track="scene",
         config="agents.single.ppo:PpoConfig",
         learner="stable_baselines3:PPO",
+        masked_policy="agents.networks.mask_policies:MaskActorCriticPolicy",
         env={"random_start": 0.7},
         codebook_env={"observation": "masked", "random_start": 0.9},
         codebook_agent=_SWITCHING_PPO,
@@ -156,9 +160,10 @@ ALGORITHMS: dict[str, Row] = {
         track="scene",
         config="agents.single.dqn:DqnConfig",
         learner="stable_baselines3:DQN",
+        masked_policy="agents.networks.mask_policies:MaskDqnPolicy",
         env={"random_start": 0.5},
-        codebook_env={"observation": "masked"},
-        codebook_agent=_SWITCHING_DQN,
+        codebook_env={"observation": "masked", "random_start": 0.9},
+        codebook_agent={**_SWITCHING_DQN, "mask_head": True},
     ),
     "qr_dqn": Row(
         title="QR-DQN",

@@ -201,5 +201,6 @@ def test_settings_for_rl_zoo3_are_those_of_train(config):
         "final_learning_rate",
         "final_ent_coef",
         "signs",
+        "mask_head",
     }
     assert zoo == {name: value for name, value in vars(config).items() if name not in others}

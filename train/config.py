@@ -94,6 +94,8 @@ class TrainConfig(RunConfig):
             )
         if isinstance(self.agent, PpoLagrangianConfig):
             check_bound(self.env.rules)
+        if getattr(self.agent, "mask_head", False):
+            self._check_mask_head()
         if (
             isinstance(self.agent, DqnConfig)
             and self.agent.n_steps > 1
@@ -103,6 +105,17 @@ class TrainConfig(RunConfig):
             raise ValueError(
                 f"n_steps={self.agent.n_steps} needs observation='flat' or 'map'; "
                 f"{seen!r} allows only 1"
+            )
+
+    def _check_mask_head(self) -> None:
+        if ALGORITHMS[self.agent.algorithm].masked_policy is None:
+            able = " and ".join(name for name, row in ALGORITHMS.items() if row.masked_policy)
+            raise ValueError(
+                f"mask_head=True is for {able}, not for {self.agent.algorithm}: leave it False"
+            )
+        if self.env.observation != "masked":
+            raise ValueError(
+                f"mask_head=True needs observation='masked'; {self.env.observation!r} has no mask"
             )
 
 

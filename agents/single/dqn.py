@@ -31,6 +31,9 @@ class DqnConfig:
     signs: bool = False
     """Whether networks are also told which numbers of an observation are at least 0: which cells
     and configurations meet the target."""
+    mask_head: bool = False
+    """Whether one learned weight times the action mask is added to the scores of actions; needs
+    ``observation="masked"``."""
     n_steps: int = 1
     """Rewards that a return adds up before the value of the state thereafter: with more, random
     moves among them make narrow passages look worse than they are, and the agent settles on a

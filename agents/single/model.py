@@ -26,6 +26,7 @@ _NOT_THE_MODELS = (
     "final_ent_coef",
     "final_log_std",
     "signs",
+    "mask_head",
 )
 
 
@@ -61,8 +62,9 @@ def build_model(config: Any, env: VecEnv, seed: int) -> Any:
 def policy_class(config: Sb3Config, space: spaces.Space[Any]) -> Any:
     """The class of the policy for these observations: the algorithm's own, or one of SB3's."""
     row = ALGORITHMS[config.algorithm]
-    if row.policy is not None:
-        return named(row.policy)
+    policy = row.masked_policy if getattr(config, "mask_head", False) else row.policy
+    if policy is not None:
+        return named(policy)
 
     return named(row.mixes or row.learner).policy_aliases[policy_name(config, space)]
 

@@ -29,6 +29,9 @@ class PpoConfig:
     signs: bool = False
     """Whether networks are also told which numbers of an observation are at least 0: which cells
     and configurations meet the target."""
+    mask_head: bool = False
+    """Whether one learned weight times the action mask is added to the scores of actions; needs
+    ``observation="masked"``."""
     n_steps: int = 64
     """Steps of each environment between two updates."""
     batch_size: int = 1024

@@ -75,6 +75,7 @@ def test_every_setting_reaches_the_learner(algorithm):
         "final_learning_rate",
         "final_ent_coef",
         "signs",
+        "mask_head",
         *agent.policy_settings,
     }
     for name in own - {"clip_range", "train_freq"}:
@@ -99,6 +100,8 @@ def test_only_the_masked_learner_takes_masks():
     ("algorithm", "setting", "message"),
     [
         ("dqn", "--agent.gradient-steps 0", "gradient_steps=0"),
+        ("dqn", "--agent.mask-head", "mask_head=True needs observation='masked'"),
+        ("maskable_ppo", "--agent.mask-head", "mask_head=True is for ppo and dqn"),
         ("dqn", "--agent.exploration-final-eps 1.5", "exploration_final_eps=1.5"),
         ("dqn", "--agent.learning-starts -1", "learning_starts=-1"),
         (

@@ -1,5 +1,6 @@
 """Facts of agents and reference policies where the robot switches the panel's configuration."""
 
+from dataclasses import replace
 from pathlib import Path
 from shlex import split
 
@@ -14,6 +15,7 @@ from agents.policies.codebook_heuristics import CODEBOOK_REFERENCES
 from agents.rollout.episode import evaluation_env, roll_out, scene_task_of
 from agents.runs.problem import problem_of
 from agents.runs.run_folder import Run, RunError
+from agents.single.model import policy_class, policy_kwargs
 from agents.vec_env import IrsNavVecEnv
 from eval.commands import score
 from irs_gym import focused_codebook
@@ -201,6 +203,48 @@ def test_q_learning_finds_the_joint_optimum_and_is_scored_beside_the_references(
     (folder / "codebook.npz").write_bytes(content[:-1] + b"x")
     with pytest.raises(RunError, match="SHA-256"):
         _ = Run.open(folder).task
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "dqn"])
+@pytest.mark.parametrize("signs", [False, True])
+def test_one_weight_times_the_mask_is_added_to_the_scores_of_actions(algorithm, signs):
+    env = evaluation_env(parse(algorithm, split("--env.codebook focused 6")).env)
+    agent = replace(parse(algorithm, split("--env.codebook focused 6")).agent, signs=signs)
+    make_policy = policy_class(agent, env.observation_space)
+    policy = make_policy(
+        env.observation_space, env.action_space, lambda _: 0.0, **policy_kwargs(agent)
+    )
+    seen, info = env.reset()
+    observation, _ = policy.obs_to_tensor(seen)
+
+    def scores():
+        with torch.no_grad():
+            if algorithm == "dqn":
+                return policy.q_net(observation)[0].numpy()
+            return policy.get_distribution(observation).distribution.logits[0].numpy()
+
+    [name] = [
+        each
+        for each in policy.state_dict()
+        if each.endswith("weight") and "target" not in each and not policy.state_dict()[each].shape
+    ]
+    before = scores()
+    policy.state_dict()[name].fill_(0.7)
+    more = scores() - before
+    refused = ~info["action_mask"].astype(bool)
+    assert refused.any()
+    assert not refused.all()
+    np.testing.assert_allclose(np.ptp(more[refused]), 0, atol=1e-4)
+    np.testing.assert_allclose(more[~refused] - more[refused][0], 7.0, atol=1e-4)
+
+
+def test_a_network_without_a_mask_has_no_weight_for_it():
+    env = make(observation="flat")
+    agent = parse("ppo", split("--env.codebook focused 6")).agent
+    with pytest.raises(ValueError, match="mask_head=True needs observation='masked'"):
+        policy_class(agent, env.observation_space)(
+            env.observation_space, env.action_space, lambda _: 0.0, **policy_kwargs(agent)
+        )
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "maskable_ppo", "dqn"])

@@ -94,6 +94,7 @@ def _tested_every(steps: int) -> dict[str, int]:
 _SWITCHING_MASKABLE_PPO: dict[str, Any] = {"signs": True, "gae_lambda": 0.95}
 _SWITCHING_PPO: dict[str, Any] = {
     **_SWITCHING_MASKABLE_PPO,
+    "gamma": 0.99,  # nearer to 0, each switch delays the goal by more than it may save
     "mask_head": True,
     "total_timesteps": 1_500_000,
 }

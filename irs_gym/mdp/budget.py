@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irs_gym.memory import frozen
+
 Floats = NDArray[np.float64]
 
 Budget = float | tuple[float, float]  # one for all episodes, or the range each is drawn from
@@ -17,6 +19,11 @@ OnExhausted = Literal["terminate", "continue", "refuse"]
 SLACK = 1e-9
 # Costs are whole multiples of this, so that their sums are exact in any order, up to 2**17.
 _UNIT = 2.0**-36
+# Numbers as arrays (): arrays are computed with them faster than with a float.
+_ONE = frozen(np.array(1.0))
+# Bits of the first float below 0, and how many further on those of -SLACK are.
+_FIRST_BELOW = frozen(np.nextafter(0.0, -1.0, out=np.empty(())).view(np.uint64))
+_SLACK_BITS = frozen(np.asarray(np.array(-SLACK).view(np.uint64) - _FIRST_BELOW))
 _MOST = 1e9  # where nothing is received, a deficit has no bound
 
 
@@ -103,7 +110,8 @@ def cleared(left: Floats) -> Floats:
     >>> cleared(np.array([0.75, -1e-12, -0.5])).tolist()
     [0.75, 0.0, -0.5]
     """
-    is_within_slack = (left < 0) & (left >= -SLACK)
+    # bits of negative floats count up from -0.0 on: one comparison tells both bounds
+    is_within_slack = left.view(np.uint64) - _FIRST_BELOW <= _SLACK_BITS
     return np.where(is_within_slack, 0.0, left) if np.count_nonzero(is_within_slack) else left
 
 
@@ -129,5 +137,5 @@ def scaled_amount(left: ArrayLike) -> NDArray[np.float32]:
     [0.0, 0.5, 0.75, -0.5]
     """
     left = np.asarray(left)
-    scale = np.abs(left) + 1.0
-    return np.asarray(np.divide(left, scale), dtype=np.float32)
+    scale = np.abs(left) + _ONE
+    return np.asarray(np.divide(left, scale).astype(np.float32))

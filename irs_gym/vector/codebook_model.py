@@ -31,7 +31,7 @@ class Tables:
     offset: NDArray[np.int64]  # (O,), from a state to the next
     reward: NDArray[np.float64]  # (O,)
     moved: NDArray[np.float64]  # (O,), metres that count
-    is_terminated: NDArray[np.bool_]  # (O,)
+    first_end: NDArray[np.integer]  # (), the number of the first of those that end an episode
     cost: NDArray[np.float64] | None  # (O,), None where it is always 0
     is_at_goal: NDArray[np.bool_]  # (O,)
     mask: NDArray[np.void]  # (S,), each the int8 (A,) of a state: gathers of records are faster
@@ -84,12 +84,13 @@ class CodebookModel:
 
         entry = np.multiply(states, self._stride)
         entry += actions
-        outcome = tables.outcome.take(entry).astype(np.intp)
+        found = tables.outcome.take(entry)
+        is_terminated = found >= tables.first_end
+        outcome = found.astype(np.intp)
         next_states = tables.offset.take(outcome)
         next_states += states
 
         # where moves are refused, only the goal ends an episode
-        is_terminated = tables.is_terminated.take(outcome)
         is_at_goal = is_terminated if tables.cost is None else tables.is_at_goal.take(outcome)
 
         return Outcome(
@@ -162,7 +163,8 @@ def _tabulated(rules: CodebookRules) -> Tables | None:
         states = np.arange(first, min(first + block, rules.states))[:, None]
         step = rules.transition(states, np.arange(rules.actions))
         offset = step.next_cell - states
-        kinds = (offset, step.reward, step.moved, step.is_terminated, step.cost, step.is_at_goal)
+        # those that end an episode come last
+        kinds = (step.is_terminated, offset, step.reward, step.moved, step.cost, step.is_at_goal)
         numbers, columns = _numbered([each.ravel() for each in kinds])
 
         outcome[states[:, 0]] = (numbers + count).reshape(offset.shape)
@@ -172,7 +174,7 @@ def _tabulated(rules: CodebookRules) -> Tables | None:
 
     # blocks have outcomes in common
     joined = [np.concatenate(each) for each in zip(*found, strict=True)]
-    numbers, (offset, reward, moved, is_terminated, cost, is_at_goal) = _numbered(joined)
+    numbers, (is_terminated, offset, reward, moved, cost, is_at_goal) = _numbered(joined)
     smallest = np.min_scalar_type(len(offset))
 
     return Tables(
@@ -180,7 +182,7 @@ def _tabulated(rules: CodebookRules) -> Tables | None:
         offset=offset,
         reward=reward,
         moved=moved,
-        is_terminated=is_terminated,
+        first_end=np.array(np.count_nonzero(~is_terminated), dtype=smallest),
         cost=None if rules.maps.rules.constraint == "refuse" else cost,
         is_at_goal=is_at_goal,
         mask=is_legal.view(np.dtype((np.void, rules.actions))).ravel(),
@@ -189,7 +191,8 @@ def _tabulated(rules: CodebookRules) -> Tables | None:
 
 
 def _numbered(columns: list[NDArray[Any]]) -> tuple[NDArray[np.int64], list[NDArray[Any]]]:
-    """The number of each row of columns ``(n,)`` among those that differ, and the columns of these.
+    """The number of each row of columns ``(n,)`` among those that differ, and the columns of these,
+    in the order of the first column, then of the second ...
 
     Numbers differ where a bit does.
 

@@ -21,9 +21,8 @@ SLACK = 1e-9
 _UNIT = 2.0**-36
 # Numbers as arrays (): arrays are computed with them faster than with a float.
 _ONE = frozen(np.array(1.0))
-# Bits of the first float below 0, and how many further on those of -SLACK are.
-_FIRST_BELOW = frozen(np.nextafter(0.0, -1.0, out=np.empty(())).view(np.uint64))
-_SLACK_BITS = frozen(np.asarray(np.array(-SLACK).view(np.uint64) - _FIRST_BELOW))
+# The bits of negative floats, as whole numbers, count up from the least, that of -0.0.
+_SLACK_BITS = frozen(np.array(-SLACK).view(np.int64))
 _MOST = 1e9  # where nothing is received, a deficit has no bound
 
 
@@ -110,8 +109,7 @@ def cleared(left: Floats) -> Floats:
     >>> cleared(np.array([0.75, -1e-12, -0.5])).tolist()
     [0.75, 0.0, -0.5]
     """
-    # bits of negative floats count up from -0.0 on: one comparison tells both bounds
-    is_within_slack = left.view(np.uint64) - _FIRST_BELOW <= _SLACK_BITS
+    is_within_slack = left.view(np.int64) <= _SLACK_BITS  # one comparison tells both bounds
     return np.where(is_within_slack, 0.0, left) if np.count_nonzero(is_within_slack) else left
 
 
@@ -137,5 +135,5 @@ def scaled_amount(left: ArrayLike) -> NDArray[np.float32]:
     [0.0, 0.5, 0.75, -0.5]
     """
     left = np.asarray(left)
-    scale = np.abs(left) + _ONE
-    return np.asarray(np.divide(left, scale).astype(np.float32))
+    share = np.divide(left, np.abs(left) + _ONE)
+    return np.asarray(share.astype(np.float32))

@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irs_gym.memory import frozen
+
 Floats = NDArray[np.float64]
 
 Budget = float | tuple[float, float]  # one for all episodes, or the range each is drawn from
@@ -17,6 +19,10 @@ OnExhausted = Literal["terminate", "continue", "refuse"]
 SLACK = 1e-9
 # Costs are whole multiples of this, so that their sums are exact in any order, up to 2**17.
 _UNIT = 2.0**-36
+# Numbers as arrays (): arrays are computed with them faster than with a float.
+_ONE = frozen(np.array(1.0))
+# The bits of negative floats, as whole numbers, count up from the least, that of -0.0.
+_SLACK_BITS = frozen(np.array(-SLACK).view(np.int64))
 _MOST = 1e9  # where nothing is received, a deficit has no bound
 
 
@@ -103,7 +109,7 @@ def cleared(left: Floats) -> Floats:
     >>> cleared(np.array([0.75, -1e-12, -0.5])).tolist()
     [0.75, 0.0, -0.5]
     """
-    is_within_slack = (left < 0) & (left >= -SLACK)
+    is_within_slack = left.view(np.int64) <= _SLACK_BITS  # one comparison tells both bounds
     return np.where(is_within_slack, 0.0, left) if np.count_nonzero(is_within_slack) else left
 
 
@@ -129,5 +135,5 @@ def scaled_amount(left: ArrayLike) -> NDArray[np.float32]:
     [0.0, 0.5, 0.75, -0.5]
     """
     left = np.asarray(left)
-    scale = np.abs(left) + 1.0
-    return np.asarray(np.divide(left, scale), dtype=np.float32)
+    share = np.divide(left, np.abs(left) + _ONE)
+    return np.asarray(share.astype(np.float32))

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
+from functools import lru_cache
 from operator import index
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from irs_gym.grid import MOVE_NAMES, as_cell
 from irs_gym.mdp.codebook_packing import CodebookPacking
 from irs_gym.mdp.dynamics import ACTIONS
 from irs_gym.mdp.packing import Packing
-from irs_gym.memory import check_memory
+from irs_gym.memory import check_memory, frozen
 from irs_gym.radio.codebook import Codebook
 from irs_gym.radio.radio_map import RadioMap
 from irs_gym.radio.scene import Scene
@@ -119,12 +120,18 @@ def checked_actions(actions: Any, count: int, of: int = ACTIONS) -> NDArray[np.i
         )
 
     numbers = checked.astype(np.int64, copy=False)
-    is_wrong = numbers.view(np.uint64) >= of  # where a negative number is a huge one
+    is_wrong = numbers.view(np.uint64) >= _bound(of)  # where a negative number is a huge one
     if np.count_nonzero(is_wrong):
         first = int(np.flatnonzero(is_wrong)[0])
         raise ValueError(f"actions[{first}]={checked[first]} must be {_said(of)}")
 
     return numbers
+
+
+@lru_cache(maxsize=64)
+def _bound(of: int) -> NDArray[np.uint64]:
+    """A number as an array ``()``: arrays are compared with it faster than with an int."""
+    return frozen(np.array(of, dtype=np.uint64))
 
 
 def checked_options(options: dict[str, Any] | None, *more: str) -> dict[str, Any]:

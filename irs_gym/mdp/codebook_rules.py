@@ -645,8 +645,8 @@ class CodebookRules:
         """The fields of observations, in the order of `CodebookPacking.fields`."""
         maps = self.maps
         if self._is_single:  # the numbers of all that there is are the same
-            place = configuration = states // maps.size
-            row = goal_row = states - configuration * maps.size
+            place = configuration = np.floor_divide(states, self._size)
+            row = goal_row = np.subtract(states, configuration * self._size)
         else:
             pair, configuration, cell = self.decode(states)
             place = configuration + self.scenes.take(pair) * maps.configurations
@@ -659,7 +659,7 @@ class CodebookRules:
             self._one_hot.take(configuration, axis=0),
             patch.reshape(len(states), -1),
             maps.gains.take(row, axis=0),
-            self._irs.take(place, axis=0),
+            self._irs_of(place),
             self._positions.take(goal_row).view(np.float32).reshape(len(states), 4),
         )
 
@@ -684,6 +684,23 @@ class CodebookRules:
     def _irs(self) -> NDArray[np.float32]:
         """What is told of the IRS, ``(S * K, 3 + N)``."""
         return self.maps.irs.reshape(-1, self.maps.irs.shape[-1])
+
+    @cached_property
+    def _size(self) -> Ints:
+        """C, as an array ``()``: faster to compute with than an int."""
+        return frozen(np.array(self.maps.size))
+
+    def _irs_of(self, places: Ints) -> NDArray[np.float32]:
+        """What is told of the IRS in those rows ``(n,)`` of `_irs`, ``(n, 3 + N)``."""
+        if self._has_one_irs:  # nearly always, unless phases are told
+            return _repeated_irs(self.maps, len(places)).copy()
+
+        return self._irs.take(places, axis=0)
+
+    @cached_property
+    def _has_one_irs(self) -> bool:
+        """Whether all that is told of the IRS is the same everywhere."""
+        return bool((self._irs == self._irs[0]).all())
 
     @cached_property
     def _positions(self) -> NDArray[np.void]:
@@ -717,6 +734,14 @@ def switch_cells(states: Ints, maps: CodebookMaps) -> Ints:
     configurations, cells = np.divmod(states, maps.size)
     is_switch = np.diff(configurations) != 0  # (T - 1,)
     return cells_at(cells[1:][is_switch], maps.shape)
+
+
+@lru_cache(maxsize=8)
+def _repeated_irs(maps: CodebookMaps, count: int) -> NDArray[np.float32]:
+    """What is told of the IRS in the first configuration, so many times, ``(count, 3 + N)``: a copy
+    is several times as fast as a gather.
+    """
+    return frozen(np.repeat(maps.irs[0, :1], count, axis=0))
 
 
 @lru_cache(maxsize=8)

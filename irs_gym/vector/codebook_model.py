@@ -3,7 +3,8 @@ over many robots where they are small enough to keep.
 """
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -12,25 +13,29 @@ from numpy.typing import NDArray
 from irs_gym.mdp.codebook_packing import CodebookPacking
 from irs_gym.mdp.codebook_rules import CodebookRules
 from irs_gym.mdp.packing import Parts
-from irs_gym.memory import freeze
+from irs_gym.memory import freeze, frozen
 from irs_gym.vector.protocols import Outcome, States
 
 LARGEST_TABLES = 2**29  # bytes: what would not fit is computed as it is asked for
 _BLOCK = 2**20  # entries of tables that are worked out at a time: bounds memory
+_ENTRY_BYTES = 15  # of a state and an action, with what they are made of
 
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """What each action does in each state: arrays ``(S * A,)``, entry A x state + action."""
+    """What each action does in each state: one of O outcomes, and what these are."""
 
-    # In one record, as a gather from a large table takes as long however wide its entries are: the
-    # next state, or ~ of it where the episode ends, and the reward.
-    next_state_and_reward: NDArray[np.complex128]
-    cost: NDArray[np.float64] | None  # None where it is always 0
-    is_at_goal: NDArray[np.bool_]
+    # A few hundred outcomes are all that there are, and stay in the processor's nearest cache: only
+    # one small number is gathered from far away.
+    outcome: NDArray[np.integer]  # (S * A,), entry A x state + action
+    offset: NDArray[np.int64]  # (O,), from a state to the next
+    reward: NDArray[np.float64]  # (O,)
+    moved: NDArray[np.float64]  # (O,), metres that count
+    first_end: NDArray[np.integer]  # (), the number of the first of those that end an episode
+    cost: NDArray[np.float64] | None  # (O,), None where it is always 0
+    is_at_goal: NDArray[np.bool_]  # (O,)
     mask: NDArray[np.void]  # (S,), each the int8 (A,) of a state: gathers of records are faster
     to_go: NDArray[np.float64]  # (S,)
-    length: NDArray[np.float64]  # (A,): metres that an action counts, if it is not refused
 
     def __post_init__(self) -> None:
         freeze(*(each for each in vars(self).values() if isinstance(each, np.ndarray)))
@@ -53,6 +58,11 @@ class CodebookModel:
     def __reduce__(self) -> Any:
         return model_of, (self.rules,)
 
+    @cached_property
+    def _stride(self) -> NDArray[np.int64]:
+        """Actions of a state, as an array ``()``: a step multiplies by it faster than by an int."""
+        return frozen(np.array(self.rules.actions))
+
     @property
     def packing(self) -> CodebookPacking:
         """Layout of observations."""
@@ -72,29 +82,23 @@ class CodebookModel:
                 step.is_at_goal,
             )
 
-        entry = states * self.rules.actions
+        entry = np.multiply(states, self._stride)
         entry += actions
-        found = tables.next_state_and_reward.take(entry)
-        next_states = found.real.astype(np.int64)
-
-        # what ends an episode is told by the sign
-        is_terminated = next_states < 0
-        if np.count_nonzero(is_terminated):
-            next_states = np.where(is_terminated, ~next_states, next_states)
-
-        # what is refused leads nowhere
-        moved = tables.length.take(actions)
-        moved *= next_states != states
+        found = tables.outcome.take(entry)
+        is_terminated = found >= tables.first_end
+        outcome = found.astype(np.intp)
+        next_states = tables.offset.take(outcome)
+        next_states += states
 
         # where moves are refused, only the goal ends an episode
-        is_at_goal = is_terminated if tables.cost is None else tables.is_at_goal.take(entry)
+        is_at_goal = is_terminated if tables.cost is None else tables.is_at_goal.take(outcome)
 
         return Outcome(
             next_states,
-            found.imag.copy(),
-            moved,
+            tables.reward.take(outcome),
+            tables.moved.take(outcome),
             is_terminated,
-            None if tables.cost is None else tables.cost.take(entry),
+            None if tables.cost is None else tables.cost.take(outcome),
             is_at_goal,
         )
 
@@ -145,44 +149,70 @@ def model_of(rules: CodebookRules) -> CodebookModel:
 
 def _tabulated(rules: CodebookRules) -> Tables | None:
     """Tables of all states and actions; None where they would be too large to keep."""
-    is_refusing = rules.maps.rules.constraint == "refuse"
-    kinds: dict[str, Any] = {
-        "next_cell": np.int32,
-        "reward": np.float64,
-        "is_terminated": np.bool_,
-        "is_at_goal": np.bool_,
-        "is_refused": np.bool_,
-    } | ({} if is_refusing else {"cost": np.float64})
-    entries = rules.states * rules.actions
-    if entries * sum(np.dtype(kind).itemsize for kind in kinds.values()) > LARGEST_TABLES:
+    shape = (rules.states, rules.actions)
+    if prod(shape) * _ENTRY_BYTES > LARGEST_TABLES:
         return None
 
-    columns = {
-        name: np.empty((rules.states, rules.actions), dtype=kind) for name, kind in kinds.items()
-    }
+    outcome = np.empty(shape, dtype=np.int32)
+    is_legal = np.empty(shape, dtype=bool)
+    found: list[list[NDArray[Any]]] = []  # columns of the outcomes, block by block
+    count = 0
     block = max(1, _BLOCK // rules.actions)
 
     for first in range(0, rules.states, block):
-        states = np.arange(first, min(first + block, rules.states))
-        step = rules.transition(states[:, None], np.arange(rules.actions))
-        for name, column in columns.items():
-            column[states] = getattr(step, name)
+        states = np.arange(first, min(first + block, rules.states))[:, None]
+        step = rules.transition(states, np.arange(rules.actions))
+        offset = step.next_cell - states
+        # those that end an episode come last
+        kinds = (step.is_terminated, offset, step.reward, step.moved, step.cost, step.is_at_goal)
+        numbers, columns = _numbered([each.ravel() for each in kinds])
+
+        outcome[states[:, 0]] = (numbers + count).reshape(offset.shape)
+        is_legal[states[:, 0]] = ~step.is_refused
+        found.append(columns)
+        count += len(columns[0])
+
+    # blocks have outcomes in common
+    joined = [np.concatenate(each) for each in zip(*found, strict=True)]
+    numbers, (is_terminated, offset, reward, moved, cost, is_at_goal) = _numbered(joined)
+    smallest = np.min_scalar_type(len(offset))
 
     return Tables(
-        next_state_and_reward=_paired(columns),
-        cost=None if is_refusing else columns["cost"].ravel(),
-        is_at_goal=columns["is_at_goal"].ravel(),
-        mask=(~columns["is_refused"]).view(np.dtype((np.void, rules.actions))).ravel(),
+        outcome=numbers.astype(smallest).take(outcome.ravel()),
+        offset=offset,
+        reward=reward,
+        moved=moved,
+        first_end=np.array(np.count_nonzero(~is_terminated), dtype=smallest),
+        cost=None if rules.maps.rules.constraint == "refuse" else cost,
+        is_at_goal=is_at_goal,
+        mask=is_legal.view(np.dtype((np.void, rules.actions))).ravel(),
         to_go=rules.distance_to_go(np.arange(rules.states)),
-        length=rules.lengths,
     )
 
 
-def _paired(columns: dict[str, NDArray[Any]]) -> NDArray[np.complex128]:
-    """Next states and rewards as one table of records; states are whole numbers, and so exact."""
-    paired = np.empty(columns["reward"].size, dtype=np.complex128)
-    next_state = columns["next_cell"]
-    paired.real = np.where(columns["is_terminated"], ~next_state, next_state).ravel()
-    paired.imag = columns["reward"].ravel()
+def _numbered(columns: list[NDArray[Any]]) -> tuple[NDArray[np.int64], list[NDArray[Any]]]:
+    """The number of each row of columns ``(n,)`` among those that differ, and the columns of these,
+    in the order of the first column, then of the second ...
 
-    return paired
+    Numbers differ where a bit does.
+
+    >>> numbers, columns = _numbered([np.array([5, 5, 7, 5]), np.array([0.5, 0.0, 0.0, 0.5])])
+    >>> numbers.tolist(), columns[0].tolist(), columns[1].tolist()
+    ([1, 0, 2, 1], [5, 5, 7], [0.0, 0.5, 0.0])
+    """
+    numbers = np.zeros(len(columns[0]), dtype=np.int64)
+
+    for column in columns:
+        bits = column.view(np.int64) if column.dtype.kind == "f" else column
+        values = np.unique(bits)
+        numbers = numbers * len(values) + np.searchsorted(values, bits)
+
+        # of all pairs of a number so far and a value, those that there are
+        is_used = np.zeros(int(numbers.max()) + 1, dtype=bool)
+        is_used[numbers] = True
+        numbers = (np.cumsum(is_used) - 1).take(numbers)
+
+    row = np.empty(int(numbers.max()) + 1, dtype=np.int64)  # one of each
+    row[numbers] = np.arange(len(numbers))
+
+    return numbers, [each[row] for each in columns]

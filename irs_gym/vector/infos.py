@@ -174,7 +174,10 @@ class InfoBuilder:
         """Infos of all environments."""
         arrays = [value(step) for value in self._values]
 
-        return self._labelled(arrays, np.ones(len(step.states), dtype=bool))
+        has_key = np.empty(len(step.states), dtype=bool)
+        has_key.fill(True)  # less than half the time of `np.ones`
+
+        return self._labelled(arrays, has_key)
 
     def of(self, step: Step, chosen: NDArray[np.int64]) -> dict[str, Any]:
         """Infos of the chosen environments, and zero (or None) for all others."""

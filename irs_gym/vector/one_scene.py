@@ -15,7 +15,7 @@ from irs_gym.mdp.dynamics import ACTIONS, metres_to_go, tabulate
 from irs_gym.mdp.observation import build_observer
 from irs_gym.mdp.packing import Packing, Parts, Rows
 from irs_gym.mdp.task import World
-from irs_gym.memory import freeze
+from irs_gym.memory import freeze, frozen
 from irs_gym.vector.protocols import Outcome, States
 
 
@@ -52,6 +52,22 @@ class OneScene:
         """Flat cell of the first goal, which is its state."""
         return self.world.radio_map.grid.flat(self.goals[0])
 
+    @cached_property
+    def _cell_cost(self) -> NDArray[np.float64] | None:
+        """What the cell of each state costs, ``(S,)``, where moves are paid for by the cell that
+        they lead to: an eighth of the table `move_cost`. None where they are not.
+        """
+        if self.world.cost is None or self.world.rules.constraint != "budget":
+            return None
+        return frozen(np.tile(self.world.cost.ravel(), len(self.goals)))
+
+    @cached_property
+    def _is_blank(self) -> tuple[bool, ...]:
+        """Whether each part of the observations is 0 in all states, as what is left of budgets is
+        until it is written.
+        """
+        return tuple(not table.any() for table in self.observations or ())
+
     def first_state(self, goal: Cell) -> int:
         """State of the cell (0, 0) for a goal."""
         return self.goals.index(goal) * self.world.feasible.size
@@ -68,7 +84,11 @@ class OneScene:
         )
         ends_below = self.world.rules.constraint == "terminate"
         is_terminated = self.is_terminated.take(entry) if ends_below else is_at_goal
-        cost = None if self.move_cost is None else self.move_cost.take(entry)
+        cost = None
+        if self._cell_cost is not None:
+            cost = self._cell_cost.take(next_states)
+        elif self.move_cost is not None:
+            cost = self.move_cost.take(entry)
 
         return Outcome(
             next_states,
@@ -81,7 +101,14 @@ class OneScene:
 
     def observe(self, states: States, out: Parts | None = None) -> Parts:  # noqa: D102
         if self.observations is not None and out is None:
-            return tuple([table.take(states, axis=0) for table in self.observations])
+            return tuple(
+                [
+                    np.zeros((len(states), table.shape[1]), table.dtype)
+                    if is_blank
+                    else table.take(states, axis=0)
+                    for table, is_blank in zip(self.observations, self._is_blank, strict=True)
+                ]
+            )
 
         if self.observations is not None and out is not None:
             # "clip" is the fast mode of a gather into an array; states come from the tables and are

@@ -13,7 +13,7 @@ class ContinuousPpoConfig(PpoConfig):
 
     algorithm: ClassVar[str] = "continuous_ppo"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init")
-    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
+    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps", "max_refused_steps")
 
     total_timesteps: int = 3_600_000
     """Steps of the whole schedule, counted over all environments."""
@@ -22,6 +22,9 @@ class ContinuousPpoConfig(PpoConfig):
     max_episode_steps: int = 64
     """Steps after which a robot is set elsewhere in training: few, so that those that are stuck do
     not make most of what is learned from."""
+    max_refused_steps: int | None = None
+    """Refused steps in a row after which it is, too; None for no such limit. Where robots that are
+    stuck cost little, policies come nearer to walls, and learn less surely to go round them."""
     final_learning_rate: float = 2e-5
     """Learning rate at the end of the schedule: where actions hardly spread, larger steps lead a
     policy away from the shortest path again."""
@@ -44,4 +47,6 @@ class ContinuousPpoConfig(PpoConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_settings(self, "whole", "max_episode_steps")
+        if self.max_refused_steps is not None:
+            check_settings(self, "whole", "max_refused_steps")
         check_settings(self, "log_std", "log_std_init", "final_log_std")

@@ -249,15 +249,17 @@ def test_the_sweep_has_ten_seeds_of_each_algorithm_at_three_targets(monkeypatch,
     plan = Plan.load(SWEEPS / "continuous.toml")
     plan.check()
     configs = plan.configs()
-    wide = [each for each in configs if each.env.random_start == 0.6]
-    assert len(configs) == 3 * 3 * 10 + len(wide)
+    near = [each for each in configs if getattr(each.agent, "max_refused_steps", None)]
+    wide = [each for each in configs if each.env.random_start == 0.6 and each not in near]
+    assert len(configs) == 3 * 3 * 10 + len(wide) + len(near)
     assert {each.env.target_db for each in configs} == {-61.8, -62.5, -60.0}
     assert {each.env.field for each in configs} == {"cells"}
-    others = [each for each in configs if each not in wide]
+    others = [each for each in configs if each not in wide + near]
     assert all(each.agent == defaults_of(each.agent.algorithm).agent for each in others)
     assert {(each.seed, each.env.target_db, each.agent.log_std_init) for each in wide} == {
         (seed, -61.8, -0.2) for seed in range(10)
     }
+    assert [(each.seed, each.env.target_db) for each in near] == [(s, -61.8) for s in range(10)]
 
 
 @pytest.mark.parametrize(
@@ -268,6 +270,7 @@ def test_the_sweep_has_ten_seeds_of_each_algorithm_at_three_targets(monkeypatch,
         ("continuous_ppo", "--agent.log-std-init 3", "log_std_init=3.0 must be"),
         ("continuous_ppo", "--agent.ent-coef -0.1", "ent_coef=-0.1 must not be negative"),
         ("continuous_ppo", "--agent.final-ent-coef nan", "final_ent_coef=nan must not be"),
+        ("sac", "--agent.max-refused-steps 0", "max_refused_steps=0 must be a positive integer"),
         ("continuous_ppo", "--agent.max-episode-steps 0", "max_episode_steps=0 must be"),
         ("continuous_ppo", "--agent.batch-size 1000", "batch_size=1000 must be 2 or more"),
         ("td3", "--agent.action-noise -0.1", "action_noise=-0.1 must not be negative"),

@@ -105,7 +105,7 @@ _SWITCHING_DQN: dict[str, Any] = {
     "batch_size": 256,
     "gradient_steps": 8,
     "buffer_size": 300_000,
-    "exploration_final_eps": 0.1,
+    "exploration_final_eps": 0.3,
 }
 
 # What lies in the unseen part of a scene is learned from many.

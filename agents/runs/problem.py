@@ -112,7 +112,7 @@ class Problem:
             parts += [f"codebook {self.codebook}", f"{self.switch_cost:g} m a switch"]
 
         if self.field is not None:
-            parts.append(f"continuous over {self.field}")
+            parts.append(f"anywhere, field {self.field}")
             usual_motion = {"speed": 1.0, "time_step": 0.5, "goal_radius": 0.25}
             parts += [
                 f"{name.replace('_', ' ')} {getattr(self, name):g}"

@@ -109,7 +109,7 @@ def test_a_problem_tells_how_the_robot_moves():
     task = ContinuousTask(target_db=-61.8, start=(-9.0, 0.25))
     problem = problem_of(task)
     assert (problem.field, problem.speed, problem.goal_radius) == ("cells", 1.0, 0.25)
-    assert problem.label == "-61.8 dB, continuous, start (-9.0, 0.25), continuous over cells"
+    assert problem.label == "-61.8 dB, continuous, start (-9.0, 0.25), anywhere, field cells"
     assert problem != problem_of(ContinuousTask(target_db=-61.8, speed=0.5))
     assert problem_of(ContinuousTask(target_db=-61.8)) != problem_of(task.one_scene())
     assert problem_of(scene_task_of({"field": "cells", "target_db": -61.8})).start is None

@@ -319,11 +319,16 @@ def test_sweep_leaves_a_run_to_who_trains_it_and_passes_a_signal_on_to_its_worke
     with run.locked():  # by another sweep, say
         process = sweep(file, "--retries", "0")
         wait_for_checkpoint(process, config.out)
+        first = ""
+        while "another process" not in first:
+            line = process.stdout.readline()
+            assert line, first
+            first += line
         process.send_signal(signal.SIGTERM)
         said, _ = process.communicate(timeout=300)
     assert process.returncode == 128 + signal.SIGTERM, said
     assert "interrupted; the same command goes on" in said
-    assert "another process is training it" in " ".join(said.split())
+    assert "another process is training it" in " ".join((first + said).split())
     assert Run.open(config.out).manifest.status == "interrupted"
     assert run.manifest.status == "running"
 

@@ -4,7 +4,7 @@ import csv
 import json
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from math import inf
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.registry import ALGORITHMS, config_class
 from agents.rollout.episode import TOLERANCE, EpisodeResult, evaluation_env, roll_out
 from agents.runs.manifest import Config
 from agents.runs.problem import Problem, problem_of
@@ -92,6 +93,11 @@ class Group:
     algorithm: str
     settings: str  # JSON of all that is no part of the problem, such as {"agent.gamma": 0.98}
 
+    def __post_init__(self) -> None:
+        # Runs that are older than a setting were made with its default.
+        filled = settings_text({**defaults_of(self.algorithm), **self.values})
+        object.__setattr__(self, "settings", filled)
+
     @classmethod
     def of(cls, problem: Problem, config: Config) -> "Group":
         """The group of a run with that configuration."""
@@ -111,6 +117,16 @@ class Group:
         """The settings by their names."""
         found: dict[str, Any] = json.loads(self.settings)
         return found
+
+
+def defaults_of(algorithm: str) -> dict[str, Any]:
+    """The defaults of an algorithm's own settings, by the names and as the values of `Group`."""
+    if algorithm not in ALGORITHMS:
+        return {}
+
+    own = asdict(config_class(algorithm)())
+    found: dict[str, Any] = json.loads(json.dumps({f"agent.{name}": own[name] for name in own}))
+    return found
 
 
 def settings_text(settings: dict[str, Any]) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 from agents.registry import ALGORITHMS
 from agents.rollout.episode import EpisodeResult, evaluation_env
 from eval.estimates import estimate_as_json
-from eval.scoreboard.results import Group, Result
+from eval.scoreboard.results import Group, Result, defaults_of
 from eval.scoreboard.score import play_references
 from eval.statistics import (
     SCORE,
@@ -172,28 +172,33 @@ def group_names(groups: Sequence[Group]) -> dict[Group, str]:
     """Names of groups: the algorithm's, and the settings in which one differs from the usual one of
     that algorithm.
 
-    The usual one is that with the fewest differences from all others.
+    The usual one is that with the fewest differences from all others, and of equals from the
+    defaults.
     """
     names = {}
 
     for algorithm in dict.fromkeys(each.algorithm for each in groups):
         same = [each for each in groups if each.algorithm == algorithm]
-        usual = min(same, key=lambda one: sum(len(_differences(one, other)) for other in same))
+        usual = min(
+            same,
+            key=lambda one: (
+                sum(len(_differences(one.values, other.values)) for other in same),
+                len(_differences(one.values, {**one.values, **defaults_of(algorithm)})),
+            ),
+        )
 
         for group in same:
             words = [
                 f"{name.partition('.')[2]} {value}"
-                for name, value in _differences(group, usual).items()
+                for name, value in _differences(group.values, usual.values).items()
             ]
             names[group] = ", ".join([ALGORITHMS[algorithm].title, *words])
 
     return names
 
 
-def _differences(group: Group, other: Group) -> dict[str, Any]:
-    """The settings of a group that another one does not share."""
-    values = group.values
-    others = other.values
+def _differences(values: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
+    """The settings that others do not share."""
     return {
         name: value for name, value in values.items() if name not in others or others[name] != value
     }

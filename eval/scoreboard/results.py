@@ -95,7 +95,11 @@ class Group:
 
     def __post_init__(self) -> None:
         # Runs that are older than a setting were made with its default.
-        filled = settings_text({**defaults_of(self.algorithm), **self.values})
+        own = self.values
+        if not isinstance(own, dict):
+            raise RunError(f"settings={self.settings[:80]!r} must be a JSON object")
+
+        filled = settings_text({**defaults_of(self.algorithm), **own})
         object.__setattr__(self, "settings", filled)
 
     @classmethod

@@ -37,7 +37,7 @@ class MaskHead(nn.Module):
         return scores + SCALE * self.weight * mask
 
 
-def checked_masked(space: spaces.Space) -> None:  # type: ignore[type-arg]
+def check_masked(space: spaces.Space) -> None:  # type: ignore[type-arg]
     """Raise a ``ValueError`` where observations hold no action mask."""
     if not (isinstance(space, spaces.Dict) and "action_mask" in space.spaces):
         raise ValueError(

@@ -7,24 +7,23 @@ from typing import Any
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.distributions import CategoricalDistribution
-from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.torch_layers import CombinedExtractor, MlpExtractor
-from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from stable_baselines3.common.torch_layers import MlpExtractor
+from stable_baselines3.dqn.policies import MultiInputPolicy, QNetwork
 from torch import Tensor, nn
 
-from agents.networks.mask_head import MaskHead, checked_masked
+from agents.networks.mask_head import MaskHead, check_masked
 
 
-class MaskActorCriticPolicy(ActorCriticPolicy):
+class MaskActorCriticPolicy(MultiInputActorCriticPolicy):
     """That of PPO. Raises ``ValueError`` for observations without an action mask, which its
     features begin with.
     """
 
     action_space: spaces.Discrete
 
-    def __init__(self, observation_space: spaces.Space[Any], *args: Any, **settings: Any) -> None:
-        checked_masked(observation_space)
-        settings.setdefault("features_extractor_class", CombinedExtractor)
+    def __init__(self, observation_space: spaces.Dict, *args: Any, **settings: Any) -> None:
+        check_masked(observation_space)
         super().__init__(observation_space, *args, **settings)
 
     def _build_mlp_extractor(self) -> None:
@@ -41,12 +40,11 @@ class MaskActorCriticPolicy(ActorCriticPolicy):
         super()._build(lr_schedule)
 
 
-class MaskDqnPolicy(DQNPolicy):
+class MaskDqnPolicy(MultiInputPolicy):
     """That of DQN; likewise."""
 
-    def __init__(self, observation_space: spaces.Space[Any], *args: Any, **settings: Any) -> None:
-        checked_masked(observation_space)
-        settings.setdefault("features_extractor_class", CombinedExtractor)
+    def __init__(self, observation_space: spaces.Dict, *args: Any, **settings: Any) -> None:
+        check_masked(observation_space)
         super().__init__(observation_space, *args, **settings)
 
     def make_q_net(self) -> QNetwork:

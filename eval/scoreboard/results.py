@@ -99,7 +99,7 @@ class Group:
         if not isinstance(own, dict):
             raise RunError(f"settings={self.settings[:80]!r} must be a JSON object")
 
-        filled = settings_text({**defaults_of(self.algorithm), **own})
+        filled = settings_text({**default_settings(self.algorithm), **own})
         object.__setattr__(self, "settings", filled)
 
     @classmethod
@@ -123,7 +123,7 @@ class Group:
         return found
 
 
-def defaults_of(algorithm: str) -> dict[str, Any]:
+def default_settings(algorithm: str) -> dict[str, Any]:
     """The defaults of an algorithm's own settings, by the names and as the values of `Group`."""
     if algorithm not in ALGORITHMS:
         return {}

@@ -13,7 +13,7 @@ from typing import Any
 from agents.registry import ALGORITHMS
 from agents.rollout.episode import EpisodeResult, evaluation_env
 from eval.estimates import estimate_as_json
-from eval.scoreboard.results import Group, Result, defaults_of
+from eval.scoreboard.results import Group, Result, default_settings
 from eval.scoreboard.score import play_references
 from eval.statistics import (
     SCORE,
@@ -183,7 +183,7 @@ def group_names(groups: Sequence[Group]) -> dict[Group, str]:
             same,
             key=lambda one: (
                 sum(len(_differences(one.values, other.values)) for other in same),
-                len(_differences(one.values, {**one.values, **defaults_of(algorithm)})),
+                len(_differences(one.values, {**one.values, **default_settings(algorithm)})),
             ),
         )
 

@@ -15,7 +15,7 @@ from irs_gym.mdp.dynamics import ACTIONS, metres_to_go, tabulate
 from irs_gym.mdp.observation import build_observer
 from irs_gym.mdp.packing import Packing, Parts, Rows
 from irs_gym.mdp.task import World
-from irs_gym.memory import freeze, frozen
+from irs_gym.memory import freeze
 from irs_gym.vector.protocols import Outcome, States
 
 
@@ -53,15 +53,6 @@ class OneScene:
         return self.world.radio_map.grid.flat(self.goals[0])
 
     @cached_property
-    def _cell_cost(self) -> NDArray[np.float64] | None:
-        """What the cell of each state costs, ``(S,)``, where moves are paid for by the cell that
-        they lead to: an eighth of the table `move_cost`. None where they are not.
-        """
-        if self.world.cost is None or self.world.rules.constraint != "budget":
-            return None
-        return frozen(np.tile(self.world.cost.ravel(), len(self.goals)))
-
-    @cached_property
     def _is_blank(self) -> tuple[bool, ...]:
         """Whether each part of the observations is 0 in all states, as what is left of budgets is
         until it is written.
@@ -85,8 +76,8 @@ class OneScene:
         ends_below = self.world.rules.constraint == "terminate"
         is_terminated = self.is_terminated.take(entry) if ends_below else is_at_goal
         cost = None
-        if self._cell_cost is not None:
-            cost = self._cell_cost.take(next_states)
+        if self.world.rules.constraint == "budget":  # by the cell: an eighth of `move_cost`
+            cost = self.cost(next_states)
         elif self.move_cost is not None:
             cost = self.move_cost.take(entry)
 

@@ -96,6 +96,7 @@ _SWITCHING_PPO: dict[str, Any] = {
     "signs": True,
     "gamma": 0.985,  # nearer to 0, each switch delays the goal by more than it may save
     "mask_head": True,
+    "normalize_advantage": False,
     "total_timesteps": 1_500_000,
 }
 _SWITCHING_DQN: dict[str, Any] = {

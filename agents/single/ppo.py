@@ -40,9 +40,14 @@ class PpoConfig:
     """Passes over the transitions in an update."""
     gae_lambda: float = 0.98
     """Trade-off between bias and variance in the advantages."""
+    normalize_advantage: bool = True
+    """Whether advantages are divided by their spread in a minibatch. As a policy settles, that
+    spread falls, and the entropy bonus weighs ever less against a metre; without it the bonus keeps
+    its worth, and an action that would save something goes on being tried.
+    """
     ent_coef: float = 0.05
     """Weight of the entropy bonus: with less, the policy may settle on a route that is a little too
-    long.
+    long. In metres where advantages are not normalised.
     """
     final_ent_coef: float | None = None
     """Weight of the entropy bonus at the end of the schedule, to which it falls linearly; None

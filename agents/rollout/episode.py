@@ -134,7 +134,8 @@ _IDS: dict[type[SceneTask], str] = {
 def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
     """The environment that policies are tested in: the task's, from its fixed start, with the
     least budget, which is the hardest to keep, and where a step that it cannot pay ends the episode
-    though such steps may have been refused in training.
+    though such steps may have been refused in training; a robot that is stopped stands on the
+    border, though it may have been set back in training.
 
     Raises
     ------
@@ -144,6 +145,8 @@ def evaluation_env(task: SceneTask) -> gymnasium.Env[Any, Any]:
         Where it cannot be made; an infeasible target included.
     """
     tested: SceneTask = replace(task, random_start=False)
+    if isinstance(tested, ContinuousTask):
+        tested = replace(tested, on_refused="stop")
     if not isinstance(tested, CodebookTask):
         on_exhausted: OnExhausted = "continue" if tested.on_exhausted == "continue" else "terminate"
         least = None if tested.budget is None else min(range_of(tested.budget))

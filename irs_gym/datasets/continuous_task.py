@@ -12,7 +12,7 @@ import numpy as np
 from irs_gym.datasets.scene_set import SceneSet, check_scenes
 from irs_gym.grid import checked_point
 from irs_gym.mdp.budget import Budget, OnExhausted, checked_budget
-from irs_gym.mdp.continuous_maps import FieldKind, Point
+from irs_gym.mdp.continuous_maps import FieldKind, OnRefused, Point
 from irs_gym.mdp.cost import CostKind
 from irs_gym.mdp.task import Constraint, Rules, Task, checked_fields
 from irs_gym.radio.irs import ArrayModel, Quantiser
@@ -82,6 +82,11 @@ class ContinuousTask:
     """What happens at a step that the budget cannot pay: it ends the episode as a failure, the
     episode continues and the cost is only counted, or the step is refused.
     """
+    on_refused: OnRefused = "stop"
+    """Where a move that meets an obstacle, or is refused below the target, leaves the robot: it
+    must "stop" on the border, or "stay" where it was, as in `IrsNav-v0`. To learn, "stay" is
+    easier: nobody ends up on a border that the next move leads into again.
+    """
     random_start: float = Task.random_start
     """Probability of a start drawn anywhere on the floor that leads to the goal; True is 1."""
     shaping: bool = Task.shaping
@@ -110,7 +115,12 @@ class ContinuousTask:
     def __post_init__(self) -> None:
         for name in ("speed", "time_step", "goal_radius"):
             object.__setattr__(self, name, _checked_length(name, getattr(self, name)))
-        for name, kind in (("field", FieldKind), ("observation", ContinuousObservation)):
+        choices = {
+            "field": FieldKind,
+            "observation": ContinuousObservation,
+            "on_refused": OnRefused,
+        }
+        for name, kind in choices.items():
             if getattr(self, name) not in get_args(kind):
                 raise ValueError(f"{name}={getattr(self, name)!r} must be one of {get_args(kind)}")
         for name in ("start", "goal"):
@@ -196,6 +206,7 @@ class ContinuousTaskArguments(TypedDict, total=False):
     cost: CostKind
     budget: Budget | None
     on_exhausted: OnExhausted
+    on_refused: OnRefused
     random_start: float
     shaping: bool
     goal_bonus: float

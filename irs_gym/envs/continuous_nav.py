@@ -90,7 +90,8 @@ class IrsNavContinuousEnv(gymnasium.Env[Any, Action]):
     Obstacles and walls stop the robot where it meets them, and it stands there for the rest of the
     step. Below the target, ``"refuse"`` stops it likewise, on the border; ``"terminate"`` stops it
     and ends the episode, at a cost of 1.0; ``"allow"`` lets it in, ``info["cost"]`` is the seconds
-    of the step that were spent below the target, and the episode is no success.
+    of the step that were spent below the target, and the episode is no success. With
+    ``on_refused="stay"`` a robot that is stopped is where it was before the step.
 
     ``"budget"`` lets it in as well, and each second has its price, that of `irs_gym.cost_map` for
     its cell: ``info["cost"]``, in multiples of 2**-36. What happens where the ``budget`` is

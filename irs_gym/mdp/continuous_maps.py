@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 Kinds = NDArray[np.uint8]
 Point = tuple[float, float]
 FieldKind = Literal["cells", "exact"]
+OnRefused = Literal["stop", "stay"]
 
 _LEAST = -1e300  # dB: of free cells where nothing is received, over those of obstacles
 
@@ -42,6 +43,7 @@ class ContinuousMaps:
     speed: float  # metres a second
     time_step: float  # seconds
     goal_radius: float  # metres
+    on_refused: OnRefused
     names: tuple[str, ...]
     world: Callable[[int], World]  # of a scene's number: that of `IrsNav-v0`, with its map
     has_many_scenes: bool
@@ -165,6 +167,9 @@ class ContinuousMaps:
             *(float(rules.goal_bonus), self.field, self.speed, self.time_step, self.goal_radius),
             *(self.cell_size, self.shape),
         )
+        if self.on_refused != "stop":  # which is not mentioned
+            said = (*said, self.on_refused)
+
         content = repr(said).encode() + self.target_db.tobytes() + self.gain_db.tobytes()
         if self.cost is not None:
             content += self.cost.tobytes()

@@ -113,6 +113,7 @@ class Site:
         self._reach = maps.reach
         self._radius = maps.radius
         self._is_endable = maps.rules.constraint == "terminate"
+        self._stays = maps.on_refused == "stay"
 
     def sees_goal(self, x: float, y: float) -> bool:
         """Whether the straight line from a point to the goal's centre may be gone."""
@@ -137,6 +138,8 @@ class Site:
 
         share, new_x, new_y, blocked, paid = judge.walk((x, y), (to_x, to_y), min(until, 1.0))
         is_refused = blocked >= 0
+        if is_refused and self._stays:
+            share, new_x, new_y, paid = 0.0, x, y, 0.0
         is_at_goal = until <= 1.0 and not is_refused
         if until == NEVER:  # or where it has come to
             away = (new_x - goal_x) * (new_x - goal_x) + (new_y - goal_y) * (new_y - goal_y)

@@ -94,6 +94,12 @@ class ContinuousModel:
 
         # who has entered the goal, or has come where its centre is seen
         is_refused = blocked >= 0
+        if maps.on_refused == "stay":
+            back = np.flatnonzero(is_refused)
+            at[:, back] = start[:, back]
+            share[back] = 0.0
+            paid[back] = 0.0
+
         off = at - goal
         away = off[0] * off[0] + off[1] * off[1]  # squared
         is_at_goal = np.zeros(len(states), dtype=bool)

@@ -8,7 +8,9 @@ import pytest
 from alike import assert_same
 from gymnasium.utils.env_checker import check_env
 
+from agents.rollout.episode import evaluation_env
 from irs_gym import build_radio_map, straight_line_bound
+from irs_gym.datasets.continuous_task import ContinuousTask
 from irs_gym.mdp.exact_field import RESOLUTION
 
 ID = "irs_gym:IrsNavContinuous-v0"
@@ -164,6 +166,18 @@ def test_below_the_target_the_constraint_decides(constraint):
         assert env.step([0.0, 0.0])[4]["cost"] == 0.0
 
 
+def test_who_is_stopped_may_stay_where_it_was():
+    floor = {**SMALL, "target_db": -61.8, "random_start": 0.5}
+    env = make(**floor, on_refused="stay")
+    env.reset(options={"start": (0.75, 1.75)})
+    _, reward, _, _, info = env.step([0.0, 1.0])
+    assert (info["y"], info["distance"], info["is_refused"]) == (1.75, 0.0, True)
+    assert (reward, info["seconds"]) == (-0.5, 0.5)  # the time passes
+    tested = evaluation_env(ContinuousTask(**floor, on_refused="stay"))
+    tested.reset(options={"start": (0.75, 1.75)})
+    assert tested.step([0.0, 1.0])[4]["y"] == 2.0  # in tests it stands on the border
+
+
 def test_a_budget_that_refuses_leaves_the_robot_where_it_is():
     env = make(**SMALL, constraint="budget", budget=0.2, on_exhausted="refuse", target_db=-61.8)
     env.reset(options={"start": (0.75, 1.75)})
@@ -253,6 +267,7 @@ def test_actions_that_mean_nothing_are_refused(action):
         ({"time_step": 3.0}, r"time_step=3.0 s at speed=1.0 m/s leads over 6 cells"),
         ({"patch_radius": 0, "speed": 2.0}, "further than the 0.5 that the robot sees"),
         ({"field": "smooth"}, "field='smooth' must be one of"),
+        ({"on_refused": "slide"}, "on_refused='slide' must be one of"),
         ({"observation": "masked"}, "observation='masked' must be one of"),
         ({"start": (0.0, np.nan)}, "start=.* must be two finite numbers"),
         ({"start": (0.0, 30.0)}, "start: the point .* lies outside the floor"),

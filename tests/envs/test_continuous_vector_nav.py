@@ -23,6 +23,14 @@ CONSTRAINTS = {
     "budget": {"constraint": "budget", "budget": (0.0, 3.0), "cost": "deficit"},
     "budget, counted": {"constraint": "budget", "budget": 1.0, "on_exhausted": "continue"},
     "budget, refused": {"constraint": "budget", "budget": (0.0, 2.0), "on_exhausted": "refuse"},
+    "refuse, stay": {"on_refused": "stay"},
+    "terminate, stay": {"constraint": "terminate", "on_refused": "stay"},
+    "budget, stay": {
+        "constraint": "budget",
+        "budget": 3.0,
+        "cost": "deficit",
+        "on_refused": "stay",
+    },
 }
 
 

@@ -162,7 +162,7 @@ class ContinuousMaps:
     def fingerprint(self) -> bytes:
         """8 bytes that tell maps and rules apart."""
         rules = self.rules
-        said = (
+        said: tuple[Any, ...] = (
             *(rules.constraint, rules.cost, rules.on_exhausted, bool(rules.shaping)),
             *(float(rules.goal_bonus), self.field, self.speed, self.time_step, self.goal_radius),
             *(self.cell_size, self.shape),

@@ -83,23 +83,18 @@ class ContinuousModel:
             entered = np.where(is_seen, entered, NEVER)
             until[near] = np.minimum(entered, 1.0)
 
-        share, at, blocked, paid = self._walk(states["cell"], bases, start, target, until)
+        share, at, blocked, paid = walks = self._walk(states["cell"], bases, start, target, until)
         is_still = (delta[0] == 0.0) & (delta[1] == 0.0)
         if is_still.any():
-            share[is_still] = 1.0
-            at[:, is_still] = start[:, is_still]
+            _stay(walks, start, is_still, 1.0)
             blocked[is_still] = -1
-            paid[is_still] = 0.0
             entered[is_still[near]] = 1.5  # who stays does not arrive
 
-        # who has entered the goal, or has come where its centre is seen
         is_refused = blocked >= 0
         if maps.on_refused == "stay":
-            back = np.flatnonzero(is_refused)
-            at[:, back] = start[:, back]
-            share[back] = 0.0
-            paid[back] = 0.0
+            _stay(walks, start, is_refused, 0.0)
 
+        # who has entered the goal, or has come where its centre is seen
         off = at - goal
         away = off[0] * off[0] + off[1] * off[1]  # squared
         is_at_goal = np.zeros(len(states), dtype=bool)
@@ -422,6 +417,13 @@ def entrances(start: Floats, delta: Floats, radius: float) -> Floats:
     share[beyond <= 0.0] = 0.0
 
     return share
+
+
+def _stay(walks: Walks, start: Floats, chosen: Bools, share: float) -> None:
+    """Write that robots come nowhere, for nothing, in a share of their step."""
+    walks.share[chosen] = share
+    walks.at[:, chosen] = start[:, chosen]
+    walks.paid[chosen] = 0.0
 
 
 @lru_cache(maxsize=4)

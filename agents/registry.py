@@ -101,7 +101,7 @@ _SWITCHING_PPO: dict[str, Any] = {
 }
 _SWITCHING_DQN: dict[str, Any] = {
     "signs": True,
-    "total_timesteps": 1_400_000,
+    "total_timesteps": 800_000,
     "n_envs": 256,
     "batch_size": 256,
     "gradient_steps": 8,
@@ -164,7 +164,12 @@ ALGORITHMS: dict[str, Row] = {
         learner="stable_baselines3:DQN",
         masked_policy="agents.networks.mask_policies:MaskDqnPolicy",
         env={"random_start": 0.5},
-        codebook_env={"observation": "masked", "random_start": 0.9},
+        codebook_env={
+            "observation": "masked",
+            "random_start": 0.9,
+            "patch_radius": 3,
+            "irs_phases": False,
+        },
         codebook_agent={**_SWITCHING_DQN, "mask_head": True},
     ),
     "qr_dqn": Row(

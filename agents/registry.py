@@ -101,7 +101,8 @@ _SWITCHING_PPO: dict[str, Any] = {
 }
 _SWITCHING_DQN: dict[str, Any] = {
     "signs": True,
-    "total_timesteps": 800_000,
+    "total_timesteps": 1_400_000,
+    "exploration_fraction": 0.17,
     "n_envs": 256,
     "batch_size": 256,
     "gradient_steps": 8,

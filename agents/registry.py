@@ -118,7 +118,12 @@ _NEVER_EXACT = {"stop_at_optimum": False}
 # On one map, where to go follows from where the robot is.
 _PLACE = "agents.networks.place_extractor:PlaceExtractor"
 # Phases differ from cell to cell, and tell nothing of where to go.
-_DRIVING: dict[str, Any] = {"random_start": 0.5, "irs_phases": False, "patch_radius": 3}
+_DRIVING: dict[str, Any] = {
+    "random_start": 0.6,
+    "on_refused": "stay",  # in tests a robot stops on the border
+    "irs_phases": False,
+    "patch_radius": 3,
+}
 
 # The order is that of command lines and pages. In one scene, where paths differ by 2 % only, an
 # agent finds the best one much more surely with starts in many places.

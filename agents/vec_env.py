@@ -35,8 +35,6 @@ class IrsNavVecEnv(VecEnv):
         Number of environments n.
     max_episode_steps
         Steps after which an episode is truncated.
-    max_refused_steps
-        Refused steps in a row after which an episode is truncated, too; None for no such limit.
     render_mode
         ``"rgb_array"`` or ``"ansi"``.
     vector_env
@@ -55,7 +53,6 @@ class IrsNavVecEnv(VecEnv):
         max_episode_steps: int = 400,
         render_mode: str | None = None,
         *,
-        max_refused_steps: int | None = None,
         vector_env: type[
             IrsNavVectorEnv
             | IrsNavRandomVectorEnv
@@ -65,11 +62,6 @@ class IrsNavVecEnv(VecEnv):
         **env_kwargs: Any,
     ) -> None:
         env_kwargs.setdefault("infos", "all")
-        if max_refused_steps is not None and max_refused_steps < 1:
-            raise ValueError(f"max_refused_steps={max_refused_steps} must be 1 or more, or None")
-        if max_refused_steps is not None and env_kwargs["infos"] != "all":
-            env_kwargs["infos"] = [*{*env_kwargs["infos"], "is_refused"}]
-
         self.envs = vector_env(
             num_envs,
             max_episode_steps,
@@ -78,8 +70,6 @@ class IrsNavVecEnv(VecEnv):
             **env_kwargs,
         )
         self.render_mode = render_mode
-        self._max_refused = max_refused_steps
-        self._refused = np.zeros(num_envs, dtype=np.int64)  # in a row
         self._actions: NDArray[Any] = np.zeros(num_envs, dtype=np.int64)
         self._return = np.zeros(num_envs)
         self._length = np.zeros(num_envs, dtype=np.int64)
@@ -101,7 +91,6 @@ class IrsNavVecEnv(VecEnv):
         observation, infos = self.envs.reset(seed=seeds, options=options)
         self._return[:] = 0.0
         self._length[:] = 0
-        self._refused[:] = 0
         self.reset_infos = _one_by_one(infos)
         self._reset_seeds()
         self._reset_options()
@@ -135,39 +124,10 @@ class IrsNavVecEnv(VecEnv):
                     "episode": self._episode(i),
                 }
 
-        if self._max_refused is not None:
-            self._refused = np.where(infos["is_refused"] & ~done, self._refused + 1, 0)
-            stuck = self._refused >= self._max_refused
-            if stuck.any():
-                observation = self._begin_anew(stuck, observation, each_info)
-                done |= stuck
-
         self._return[done] = 0.0
         self._length[done] = 0
-        self._refused[done] = 0
 
         return observation, reward.astype(np.float32), done, each_info
-
-    def _begin_anew(
-        self, stuck: NDArray[np.bool_], observation: Any, each_info: list[dict[str, Any]]
-    ) -> Any:
-        """Truncate the episodes of those robots, ``(n,)``, write to the infos what they end with,
-        and return the observations of all thereafter.
-        """
-        chosen = np.flatnonzero(stuck).tolist()
-        last = [_row(observation, i) for i in chosen]
-        observation, infos = self.envs.reset(options={"reset_mask": stuck})
-        begun = _one_by_one(infos)
-
-        for i, seen in zip(chosen, last, strict=True):
-            self.reset_infos[i] = begun[i]
-            each_info[i] |= {
-                "TimeLimit.truncated": True,
-                "terminal_observation": seen,
-                "episode": self._episode(i),
-            }
-
-        return observation
 
     def _episode(self, i: int) -> dict[str, Any]:
         """Return, length and seconds of an episode that ends, as SB3's `Monitor` gives them."""
@@ -249,13 +209,6 @@ _IDS: dict[type[Any], str] = {
     IrsNavCodebookVectorEnv: "IrsNavCodebook-v0",
     IrsNavContinuousVectorEnv: "IrsNavContinuous-v0",
 }
-
-
-def _row(observation: Any, i: int) -> Any:
-    """A copy of what one environment shows."""
-    if isinstance(observation, dict):
-        return {key: np.copy(each[i]) for key, each in observation.items()}
-    return np.copy(observation[i])
 
 
 def _one_by_one(infos: dict[str, Any]) -> list[dict[str, Any]]:

@@ -13,40 +13,35 @@ class ContinuousPpoConfig(PpoConfig):
 
     algorithm: ClassVar[str] = "continuous_ppo"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init")
-    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps", "max_refused_steps")
+    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
-    total_timesteps: int = 3_600_000
+    total_timesteps: int = 3_000_000
     """Steps of the whole schedule, counted over all environments."""
-    n_envs: int = 512
+    n_envs: int = 256
     """Environments that are stepped together."""
     max_episode_steps: int = 64
     """Steps after which a robot is set elsewhere in training: few, so that those that are stuck do
     not make most of what is learned from."""
-    max_refused_steps: int | None = None
-    """Refused steps in a row after which it is, too; None for no such limit. Where robots that are
-    stuck cost little, policies come nearer to walls, and learn less surely to go round them."""
-    final_learning_rate: float = 2e-5
+    learning_rate: float = 3e-3
+    """Learning rate at the start; it falls linearly."""
+    final_learning_rate: float = 1e-4
     """Learning rate at the end of the schedule: where actions hardly spread, larger steps lead a
     policy away from the shortest path again."""
     net_arch: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of each network."""
-    n_steps: int = 16
+    n_steps: int = 32
     """Steps of each environment between two updates."""
     n_epochs: int = 4
     """Passes over the transitions in an update."""
-    gae_lambda: float = 0.95
-    """Trade-off between bias and variance in the advantages."""
     ent_coef: float = 0.0
     """Weight of the entropy bonus: none, where the schedule says how far actions spread."""
-    log_std_init: float = -0.6
+    log_std_init: float = -0.4
     """Logarithm of the standard deviation of actions at the start; it falls linearly."""
-    final_log_std: float = -3.3
+    final_log_std: float = -3.6
     """That at the end of the schedule: who is drawn aside beside a wall is stopped there, so that a
     policy keeps away from walls as far as its actions spread."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_settings(self, "whole", "max_episode_steps")
-        if self.max_refused_steps is not None:
-            check_settings(self, "whole", "max_refused_steps")
         check_settings(self, "log_std", "log_std_init", "final_log_std")

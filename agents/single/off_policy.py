@@ -12,7 +12,7 @@ class OffPolicyConfig:
 
     algorithm: ClassVar[str]
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch",)
-    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps", "max_refused_steps")
+    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
     total_timesteps: int = 80_000
     """Steps of the whole schedule, counted over all environments."""
@@ -27,9 +27,6 @@ class OffPolicyConfig:
     max_episode_steps: int = 64
     """Steps after which a robot is set elsewhere in training: few, so that those that are stuck do
     not make most of what is learned from."""
-    max_refused_steps: int | None = None
-    """Refused steps in a row after which it is, too; None for no such limit. Where robots that are
-    stuck cost little, policies come nearer to walls, and learn less surely to go round them."""
     net_arch: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers of each network."""
     signs: bool = False
@@ -53,8 +50,6 @@ class OffPolicyConfig:
         check_widths(self)
         check_settings(self, "whole", "batch_size", "train_freq", "gradient_steps", "buffer_size")
         check_settings(self, "whole", "max_episode_steps")
-        if self.max_refused_steps is not None:
-            check_settings(self, "whole", "max_refused_steps")
         check_settings(self, "share", "tau")
         if self.learning_starts < 0:
             raise ValueError(f"learning_starts={self.learning_starts} must not be negative")

@@ -8,11 +8,10 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+from stable_baselines3.common.vec_env import VecMonitor
 from tiny_pool import tiny_pool
 
 from agents.vec_env import IrsNavVecEnv
-from irs_gym.envs.continuous_vector_nav import IrsNavContinuousVectorEnv
 from irs_gym.envs.random_vector_nav import IrsNavRandomVectorEnv
 from irs_gym.envs.vector_nav import IrsNavVectorEnv
 
@@ -96,77 +95,6 @@ def test_steps_rewards_dones_and_final_infos_equal_those_of_dummy_vec_env(
                 same(info[key], info2[key])
         same(np.stack(ours.env_method("action_masks")), np.stack(theirs.env_method("action_masks")))
     assert ends > 20
-
-
-class _NeverStuck(gymnasium.Wrapper):
-    """Truncates episodes of single environments after two refused steps in a row."""
-
-    def reset(self, **kwargs):
-        self.refused = 0
-        return self.env.reset(**kwargs)
-
-    def step(self, action):
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        self.refused = self.refused + 1 if info["is_refused"] else 0
-        return observation, reward, terminated, truncated or self.refused >= 2, info
-
-
-@pytest.mark.parametrize("observation", ["flat", "dict"])
-@pytest.mark.parametrize(
-    ("made", "kind", "arguments"),
-    [
-        (ID, IrsNavVectorEnv, OFTEN),
-        (
-            "irs_gym:IrsNavContinuous-v0",
-            IrsNavContinuousVectorEnv,
-            {"target_db": -61.8, "random_start": 0.5},
-        ),
-    ],
-)
-def test_who_is_refused_twice_in_a_row_is_truncated_as_by_a_wrapper_of_single_environments(
-    made, kind, arguments, observation
-):
-    arguments = {**arguments, "observation": observation, "patch_radius": 2}
-    ours = IrsNavVecEnv(
-        4, 40, vector_env=kind, max_refused_steps=2, infos=["is_success"], **arguments
-    )
-    theirs = DummyVecEnv(
-        [
-            lambda: Monitor(_NeverStuck(gymnasium.make(made, max_episode_steps=40, **arguments)))
-            for _ in range(4)
-        ]
-    )
-    ours.seed(3), theirs.seed(3)
-    same = np.testing.assert_array_equal
-    parts = list if observation == "flat" else lambda obs: [obs[key] for key in sorted(obs)]
-    first, second = ours.reset(), theirs.reset()
-    rng, ends = np.random.default_rng(0), 0
-    for _ in range(400):
-        for mine, other in zip(parts(first), parts(second), strict=True):
-            same(mine, other)
-        has_moves = hasattr(ours.action_space, "n")
-        actions = rng.integers(0, 8, 4) if has_moves else rng.uniform(-1, 1, (4, 2))
-        first, reward, done, infos = ours.step(actions)
-        second, reward2, done2, infos2 = theirs.step(actions)
-        same(reward, reward2)
-        same(done, done2)
-        for info, info2 in zip(infos, infos2, strict=True):
-            assert info["TimeLimit.truncated"] == info2["TimeLimit.truncated"]
-            assert info.get("episode", {}).get("l") == info2.get("episode", {}).get("l")
-            if "episode" in info2:
-                ends += info["episode"]["l"] < 40 and not info2["is_success"]
-                for mine, other in zip(
-                    parts(info["terminal_observation"]),
-                    parts(info2["terminal_observation"]),
-                    strict=True,
-                ):
-                    same(mine, other)
-    assert ends > 20
-
-
-def test_a_limit_of_no_refused_step_is_refused():
-    with pytest.raises(ValueError, match="max_refused_steps=0 must be 1 or more"):
-        IrsNavVecEnv(2, max_refused_steps=0)
 
 
 @pytest.mark.parametrize(

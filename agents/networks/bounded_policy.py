@@ -32,4 +32,6 @@ class Disc(nn.Module):
 
     def forward(self, latent: Tensor) -> Tensor:  # noqa: D102
         points: Tensor = self.points(latent)
-        return points / points.norm(dim=-1, keepdim=True).clamp(min=1.0)
+        length: Tensor = points.norm(dim=-1, keepdim=True)
+
+        return points / length.clamp(min=1.0)

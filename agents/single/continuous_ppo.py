@@ -37,7 +37,7 @@ class ContinuousPpoConfig(PpoConfig):
     """Weight of the entropy bonus: none, where the schedule says how far actions spread."""
     log_std_init: float = -0.4
     """Logarithm of the standard deviation of actions at the start; it falls linearly."""
-    final_log_std: float = -3.6
+    final_log_std: float = -4.2
     """That at the end of the schedule: who is drawn aside beside a wall is stopped there, so that a
     policy keeps away from walls as far as its actions spread."""
 

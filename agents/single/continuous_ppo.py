@@ -33,11 +33,13 @@ class ContinuousPpoConfig(PpoConfig):
     """Steps of each environment between two updates."""
     n_epochs: int = 4
     """Passes over the transitions in an update."""
+    gae_lambda: float = 0.95
+    """Trade-off between bias and variance in the advantages."""
     ent_coef: float = 0.0
     """Weight of the entropy bonus: none, where the schedule says how far actions spread."""
     log_std_init: float = -0.4
     """Logarithm of the standard deviation of actions at the start; it falls linearly."""
-    final_log_std: float = -4.2
+    final_log_std: float = -4.0
     """That at the end of the schedule: who is drawn aside beside a wall is stopped there, so that a
     policy keeps away from walls as far as its actions spread."""
 

@@ -83,9 +83,9 @@ class ContinuousTask:
     episode continues and the cost is only counted, or the step is refused.
     """
     on_refused: OnRefused = "stop"
-    """Where a move that meets an obstacle, or is refused below the target, leaves the robot: it
-    must "stop" on the border, or "stay" where it was, as in `IrsNav-v0`. To learn, "stay" is
-    easier: nobody ends up on a border that the next move leads into again.
+    """Where a move leaves the robot that meets an obstacle, or is refused below the target: "stop"
+    on the border, or "stay" where it was, as in `IrsNav-v0`. To learn, "stay" is easier: nobody
+    ends up on a border that the next move leads into again.
     """
     random_start: float = Task.random_start
     """Probability of a start drawn anywhere on the floor that leads to the goal; True is 1."""

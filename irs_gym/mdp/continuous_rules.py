@@ -140,6 +140,7 @@ class Site:
         is_refused = blocked >= 0
         if is_refused and self._stays:
             share, new_x, new_y, paid = 0.0, x, y, 0.0
+
         is_at_goal = until <= 1.0 and not is_refused
         if until == NEVER:  # or where it has come to
             away = (new_x - goal_x) * (new_x - goal_x) + (new_y - goal_y) * (new_y - goal_y)

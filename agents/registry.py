@@ -102,7 +102,7 @@ _SWITCHING_PPO: dict[str, Any] = {
 _SWITCHING_DQN: dict[str, Any] = {
     "signs": True,
     "total_timesteps": 1_400_000,
-    "exploration_fraction": 0.17,
+    "exploration_fraction": 0.17,  # 240,000 steps: a longer schedule need not begin more slowly
     "n_envs": 256,
     "batch_size": 256,
     "gradient_steps": 8,

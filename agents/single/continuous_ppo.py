@@ -40,8 +40,8 @@ class ContinuousPpoConfig(PpoConfig):
     log_std_init: float = -0.4
     """Logarithm of the standard deviation of actions at the start; it falls linearly."""
     final_log_std: float = -4.0
-    """That at the end of the schedule: who is drawn aside beside a wall is stopped there, so that a
-    policy keeps away from walls as far as its actions spread."""
+    """That at the end of the schedule: who is drawn aside beside a wall loses a step there, so that
+    a policy keeps away from walls as far as its actions spread."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -13,7 +13,6 @@ class ContinuousPpoConfig(PpoConfig):
 
     algorithm: ClassVar[str] = "continuous_ppo"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "log_std_init")
-    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
     total_timesteps: int = 3_000_000
     """Steps of the whole schedule, counted over all environments."""
@@ -45,5 +44,4 @@ class ContinuousPpoConfig(PpoConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_settings(self, "whole", "max_episode_steps")
         check_settings(self, "log_std", "log_std_init", "final_log_std")

@@ -12,12 +12,14 @@ class DqnConfig:
 
     algorithm: ClassVar[str] = "dqn"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch",)
-    env_settings: ClassVar[tuple[str, ...]] = ()
+    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
     total_timesteps: int = 150_000
     """Steps of the whole schedule, counted over all environments."""
     n_envs: int = 64
     """Environments that are stepped together."""
+    max_episode_steps: int = 400
+    """Steps after which a robot is set elsewhere in training; see `agents.single.ppo.PpoConfig`."""
     learning_rate: float = 1e-3
     """Learning rate at the start; it falls linearly."""
     final_learning_rate: float = 1e-5
@@ -60,7 +62,8 @@ class DqnConfig:
     def __post_init__(self) -> None:
         check_schedule(self)
         check_widths(self)
-        check_settings(self, "whole", "n_steps", "batch_size", "train_freq", "gradient_steps")
+        check_settings(self, "whole", "max_episode_steps", "n_steps", "batch_size")
+        check_settings(self, "whole", "train_freq", "gradient_steps")
         check_settings(self, "whole", "buffer_size", "target_update_interval")
         check_settings(
             self,

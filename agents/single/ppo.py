@@ -12,12 +12,16 @@ class PpoConfig:
 
     algorithm: ClassVar[str] = "ppo"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch",)
-    env_settings: ClassVar[tuple[str, ...]] = ()
+    env_settings: ClassVar[tuple[str, ...]] = ("max_episode_steps",)
 
     total_timesteps: int = 2_400_000
     """Steps of the whole schedule, counted over all environments."""
     n_envs: int = 64
     """Environments that are stepped together."""
+    max_episode_steps: int = 400
+    """Steps after which a robot is set elsewhere in training; with ``random_start``, the fewer, the
+    more evenly robots are spread over the floor, and the sooner a way is found that chance alone
+    hardly ever takes."""
     learning_rate: float = 1e-3
     """Learning rate at the start; it falls linearly."""
     final_learning_rate: float = 5e-5
@@ -58,7 +62,7 @@ class PpoConfig:
     def __post_init__(self) -> None:
         check_schedule(self)
         check_widths(self)
-        check_settings(self, "whole", "n_steps", "n_epochs")
+        check_settings(self, "whole", "max_episode_steps", "n_steps", "n_epochs")
         check_settings(self, "positive", "clip_range")
         check_settings(self, "share", "gae_lambda")
         if self.batch_size < 2 or self.n_envs * self.n_steps % self.batch_size:

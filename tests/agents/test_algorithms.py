@@ -77,6 +77,7 @@ def test_every_setting_reaches_the_learner(algorithm):
         "signs",
         "mask_head",
         *agent.policy_settings,
+        *agent.env_settings,
     }
     for name in own - {"clip_range", "train_freq"}:
         assert getattr(model, name) == getattr(agent, name), name
@@ -104,6 +105,8 @@ def test_only_the_masked_learner_takes_masks():
         ("maskable_ppo", "--agent.mask-head", "mask_head=True is for ppo and dqn"),
         ("dqn", "--agent.exploration-final-eps 1.5", "exploration_final_eps=1.5"),
         ("dqn", "--agent.learning-starts -1", "learning_starts=-1"),
+        ("dqn", "--agent.max-episode-steps 0", "max_episode_steps=0 must be"),
+        ("ppo", "--agent.max-episode-steps 0", "max_episode_steps=0 must be"),
         (
             "dqn",
             "--agent.n-steps 3 --env.observation dict",
@@ -135,6 +138,24 @@ def test_each_algorithm_trains_into_a_run_that_can_be_scored(tmp_path, algorithm
     assert (run.manifest.status, run.config.algorithm) == ("finished", algorithm)
     assert [int(row["steps"]) for row in curve(run.folder)] == [64, 128, 192, 256]
     assert score_run(run, "last", episodes=1, seed=0)[1].policy == algorithm
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "dqn"])
+def test_robots_are_set_elsewhere_as_soon_as_is_asked_in_training_alone(
+    tmp_path, monkeypatch, algorithm
+):
+    made = []
+
+    class Watched(IrsNavVecEnv):
+        def __init__(self, *args, **kwargs):
+            super().__init__(*args, **kwargs)
+            made.append(self.spec.max_episode_steps)
+
+    monkeypatch.setattr("train.run.IrsNavVecEnv", Watched)
+    words = [*TINY[algorithm], "--agent.total-timesteps", 64, "--agent.max-episode-steps", 3]
+    assert call([algorithm, "--out", tmp_path / "run", *words]) == 0
+    assert made == [3]
+    assert evaluation_env(Run.open(tmp_path / "run").task).spec.max_episode_steps == 400
 
 
 @pytest.mark.parametrize("algorithm", SMALL)

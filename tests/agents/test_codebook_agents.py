@@ -177,7 +177,8 @@ def test_bad_settings_are_refused_before_any_file_is_written(capsys, tmp_path, w
 def test_q_learning_finds_the_joint_optimum_and_is_scored_beside_the_references(tmp_path, capsys):
     FEW.save(tmp_path / "few.npz")
     folder = tmp_path / "run"
-    words = f"--env.codebook {tmp_path / 'few.npz'} --env.target-db -61.5 --no-progress"
+    words = f"--env.codebook {tmp_path / 'few.npz'} --env.target-db -61.5"
+    words += " --env.start 20 15 --no-progress"
     assert call(["q_learning", "--out", folder, *split(words)]) == 0
     (tmp_path / "few.npz").unlink()  # the run has a copy
 
@@ -189,7 +190,7 @@ def test_q_learning_finds_the_joint_optimum_and_is_scored_beside_the_references(
     episode = roll_out(run.load_model(), evaluation_env(run.task))
     assert episode.is_optimal
     assert len(episode.switch_cells) > 0
-    assert problem_of(run.task).label.startswith("-61.5 dB, continuous, codebook 6-")
+    assert ", start (20, 15), codebook 6-" in problem_of(run.task).label
 
     assert score.main((str(folder),), episodes=2) == 0
     said = capsys.readouterr().out

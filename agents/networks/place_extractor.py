@@ -8,8 +8,8 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor
 
-WAVES = 64
-SPREAD = 2.0  # standard deviation of waves over half of the room, along each side
+WAVES = 96
+SPREAD = 4.0  # standard deviation of waves over half of the room, along each side
 _POSITION = 4  # numbers: own position, and the vector to the goal
 
 

@@ -18,12 +18,12 @@ class ContinuousPpoConfig(PpoConfig):
     """Steps of the whole schedule, counted over all environments."""
     n_envs: int = 256
     """Environments that are stepped together."""
-    max_episode_steps: int = 64
-    """Steps after which a robot is set elsewhere in training: few, so that those that are stuck do
-    not make most of what is learned from."""
-    learning_rate: float = 3e-3
+    max_episode_steps: int = 24
+    """Steps after which a robot is set elsewhere in training: few, so that robots are spread evenly
+    over the floor, and what is learned where few ways lead keeps pace with the rest."""
+    learning_rate: float = 2e-3
     """Learning rate at the start; it falls linearly."""
-    final_learning_rate: float = 1e-4
+    final_learning_rate: float = 2e-5
     """Learning rate at the end of the schedule: where actions hardly spread, larger steps lead a
     policy away from the shortest path again."""
     net_arch: tuple[int, ...] = (64, 64)
@@ -36,8 +36,10 @@ class ContinuousPpoConfig(PpoConfig):
     """Trade-off between bias and variance in the advantages."""
     ent_coef: float = 0.0
     """Weight of the entropy bonus: none, where the schedule says how far actions spread."""
-    log_std_init: float = -0.4
-    """Logarithm of the standard deviation of actions at the start; it falls linearly."""
+    log_std_init: float = 0.4
+    """Logarithm of the standard deviation of actions at the start; it falls linearly. Wide enough
+    that actions in all directions go on being drawn until the way round each obstacle is settled:
+    later no policy changes sides, since the headings between the two lead into the obstacle."""
     final_log_std: float = -4.0
     """That at the end of the schedule: who is drawn aside beside a wall loses a step there, so that
     a policy keeps away from walls as far as its actions spread."""

@@ -10,7 +10,7 @@ import pytest
 import torch
 from tiny import call
 
-from agents.networks.sign_extractor import SCALES, SignExtractor
+from agents.networks.sign_extractor import SCALES, UNITS, SignExtractor
 from agents.policies.codebook_heuristics import CODEBOOK_REFERENCES
 from agents.rollout.episode import evaluation_env, roll_out, scene_task_of
 from agents.runs.problem import problem_of
@@ -21,6 +21,7 @@ from eval.commands import score
 from irs_gym import focused_codebook
 from irs_gym.datasets.codebook_task import CodebookTask
 from irs_gym.envs.codebook_vector_nav import IrsNavCodebookVectorEnv
+from irs_gym.mdp.budget import scaled_amount
 from train.config import parse, record_of
 from train.plan import Plan, PlanError
 
@@ -309,6 +310,20 @@ def test_signs_tell_which_cells_and_configurations_meet_the_target(observation):
     may = info["action_mask"][8:].astype(bool)
     may[info["configuration"]] = True
     np.testing.assert_array_equal(features[gains].astype(bool), may)
+
+
+@pytest.mark.parametrize("left", [0.0, 0.25, 1.0, 2.5, 13.0, 26.0, 500.0, -3.0])
+def test_each_unit_of_a_budget_is_told_by_itself(left):
+    task = {"target_db": -61.8, "constraint": "budget", "budget": 40.0}
+    env = gymnasium.make("irs_gym:IrsNav-v0", observation="dict", **task)
+    seen, _ = env.reset()
+    extractor = SignExtractor(env.observation_space)
+    seen["budget"][:] = scaled_amount(left)
+    batch = {key: torch.as_tensor(each)[None] for key, each in seen.items()}
+    features = extractor(batch)[0].numpy()
+    assert features.shape == (extractor.features_dim,)
+    want = [min(max(left - unit, 0.0), 1.0) for unit in range(UNITS)]
+    np.testing.assert_allclose(features[-UNITS:], want, atol=1e-3)
 
 
 def test_signs_are_of_what_is_seen_around_the_robot_alone():

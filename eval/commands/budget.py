@@ -61,13 +61,18 @@ def budget_board(results: Sequence[Result], left_out: Sequence[LeftOut]) -> dict
     hard = {
         group: found for group, found in by_group.items() if not ALGORITHMS[group.algorithm].mixes
     }
-    names = group_names(sorted(hard, key=lambda each: specialists().index(each.algorithm)))
+    ordered = sorted(hard, key=lambda each: specialists().index(each.algorithm))
+
+    # each problem has settings of its own, so that only what differs within one is told
+    names: dict[Group, str] = {}
+    for problem in dict.fromkeys(each.problem for each in ordered):
+        names |= group_names([each for each in ordered if each.problem == problem])
 
     return {
         "format_version": 1,
         "runs": len(results),
         "expected": [Expected.of(found).as_json() for found in mixed],
-        "hard": [_hard_record(hard[group], name) for group, name in names.items()],
+        "hard": [_hard_record(hard[group], names[group]) for group in ordered],
         "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],
         **origins([each.run for each in results]),
     }

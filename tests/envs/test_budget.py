@@ -342,7 +342,7 @@ def test_vector_env_equals_n_single_envs(observation, cost, on_exhausted, mode):
         goal=(33, 20),
         max_episode_steps=30,
     )
-    assert assert_equal_for(400, ours, single) > 60
+    assert assert_equal_for(240, ours, single) > 36
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])

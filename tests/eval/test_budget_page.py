@@ -102,6 +102,22 @@ def test_page_tells_the_runs_below_a_folder(tmp_path, monkeypatch):
     assert "0 of 1" in page
 
 
+def test_settings_are_told_where_they_differ_within_a_problem_alone(tmp_path, monkeypatch):
+    words = [*TINY["q_learning"], "--env.constraint", "budget", "--env.target-db", -61.8]
+    words += ["--agent.total-timesteps", 128]
+    runs = [(1.0, 0.1), (2.0, 0.2), (2.0, 0.3)]  # budgets and learning rates
+    for budget, rate in runs:
+        out = tmp_path / "runs" / f"{budget}-{rate}"
+        own = ["--env.budget", budget, "--agent.learning-rate", rate]
+        assert call(["q_learning", "--out", out, *words, *own]) == 0
+
+    assert evaluate(monkeypatch, "budget", tmp_path / "runs", "--out", tmp_path) == 0
+    found = json.loads((tmp_path / "budget.json").read_text())["hard"]
+    said = {(each["optimum"] < 22, each["policy"]) for each in found}
+    assert {name for is_of_two, name in said if not is_of_two} == {"Q-learning"}
+    assert len({name for is_of_two, name in said if is_of_two}) == 2
+
+
 def test_without_runs_nothing_is_written(tmp_path, monkeypatch, capsys):
     assert evaluate(monkeypatch, "budget", tmp_path, "--out", tmp_path / "docs") == 2
     assert "no complete run lies below" in capsys.readouterr().err

@@ -14,6 +14,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import gymnasium
 import pytest
 import yaml
 from _pytest.mark.structures import ParameterSet
@@ -202,5 +203,7 @@ def test_settings_for_rl_zoo3_are_those_of_train(config):
         "final_ent_coef",
         "signs",
         "mask_head",
+        "max_episode_steps",
     }
+    assert config.max_episode_steps == gymnasium.spec("IrsNavFlat-v0").max_episode_steps
     assert zoo == {name: value for name, value in vars(config).items() if name not in others}

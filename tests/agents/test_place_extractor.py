@@ -72,16 +72,16 @@ def test_nothing_but_the_place_is_read(kind):
 
 
 def test_inner_products_of_waves_are_a_bell_of_the_distance():
-    # of normal waves, of 2 to half a room: exp(-(2 pi 2 d)^2 / 2) at d half rooms (Rahimi and
+    # of normal waves, of 4 to half a room: exp(-(2 pi 4 d)^2 / 2) at d half rooms (Rahimi and
     # Recht 2007, Theorem 1), here by many more waves than an agent has
     space, _ = seen({"observation": "flat", "patch_radius": 1, "irs_phases": False})
     extractor = PlaceExtractor(space, 4 + 2 * 20_000)
-    apart = torch.tensor([0.0, 0.05, 0.1, 0.2])
+    apart = torch.tensor([0.0, 0.025, 0.05, 0.1])
     places = torch.zeros(4, *space.shape)
     places[:, -4] = apart
     waves = extractor(places)[:, 4:]
     products = waves @ waves[0] / 20_000
-    expected = torch.exp(-((4 * torch.pi * apart) ** 2) / 2)
+    expected = torch.exp(-((8 * torch.pi * apart) ** 2) / 2)
     torch.testing.assert_close(products, expected, atol=0.03, rtol=0.0)
 
 

@@ -18,7 +18,7 @@ class LocalPpoConfig(PpoConfig):
     """
 
     algorithm: ClassVar[str] = "local_ppo"
-    env_settings: ClassVar[tuple[str, ...]] = ("random_start", "max_episode_steps")
+    env_settings: ClassVar[tuple[str, ...]] = (*PpoConfig.env_settings, "random_start")
 
     total_timesteps: int = 2_000_000
     gamma: float = 0.98
@@ -39,7 +39,7 @@ class RecurrentPpoConfig(PpoConfig):
 
     algorithm: ClassVar[str] = "recurrent_ppo"
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "lstm_hidden_size")
-    env_settings: ClassVar[tuple[str, ...]] = ("random_start", "max_episode_steps")
+    env_settings: ClassVar[tuple[str, ...]] = (*PpoConfig.env_settings, "random_start")
 
     total_timesteps: int = 300_000
     gamma: float = 0.98
@@ -64,7 +64,7 @@ class MapPpoConfig(PpoConfig):
     """
 
     algorithm: ClassVar[str] = "map_ppo"
-    env_settings: ClassVar[tuple[str, ...]] = ("random_start", "max_episode_steps")
+    env_settings: ClassVar[tuple[str, ...]] = (*PpoConfig.env_settings, "random_start")
 
     total_timesteps: int = 200_000
     learning_rate: float = 5e-4

@@ -178,6 +178,25 @@ class FallingSpread(_Falling):
         policy.log_std.data.fill_(value)
 
 
+class LaterStarts(BaseCallback):
+    """Draws starts with other probabilities in the two halves of the schedule; before a rollout, as
+    an environment that was restored has the first.
+    """
+
+    def __init__(self, first: float, last: float) -> None:
+        super().__init__()
+        self.first = first
+        self.last = last
+
+    def _on_rollout_start(self) -> None:
+        is_late = self.model._current_progress_remaining <= 0.5
+        envs: Any = self.training_env
+        envs.envs.random_start = self.last if is_late else self.first
+
+    def _on_step(self) -> bool:
+        return True
+
+
 class Progress(BaseCallback):
     """A progress bar in steps, however many are taken at a time."""
 

@@ -28,7 +28,7 @@ from irs_gym.envs.vector_nav import IrsNavVectorEnv
 from irs_gym.mdp.task import Task
 from train import resume
 from train.config import GeneralistConfig, TrainConfig, defaults_of, record_of, settings_of
-from train.evaluation import Evaluation, FallingEntropy, FallingSpread, Progress
+from train.evaluation import Evaluation, FallingEntropy, FallingSpread, LaterStarts, Progress
 from train.generalisation import Generalisation
 
 
@@ -131,6 +131,9 @@ def _train(run: Run, config: TrainConfig | GeneralistConfig) -> Evaluation:
         callbacks.append(FallingEntropy(config.agent.ent_coef, last))
     if hasattr(config.agent, "final_log_std"):
         callbacks.append(FallingSpread(config.agent.log_std_init, config.agent.final_log_std))
+    if hasattr(config.agent, "final_random_start"):
+        first = config.env.random_start  # type: ignore[union-attr]  # in one scene
+        callbacks.append(LaterStarts(first, min(first, config.agent.final_random_start)))
 
     with noticed(evaluation.interrupt):
         steps = config.agent.total_timesteps - model.num_timesteps

@@ -18,9 +18,12 @@ class ContinuousPpoConfig(PpoConfig):
     """Steps of the whole schedule, counted over all environments."""
     n_envs: int = 256
     """Environments that are stepped together."""
-    max_episode_steps: int = 24
-    """Steps after which a robot is set elsewhere in training: few, so that robots are spread evenly
-    over the floor, and what is learned where few ways lead keeps pace with the rest."""
+    max_episode_steps: int = 64
+    """Steps after which a robot is set elsewhere in training."""
+    final_random_start: float = 0.1
+    """Probability of a drawn start in the second half of the schedule, where it is below that of
+    the first half, ``random_start`` of the environment: when the side of each obstacle is settled,
+    robots go the scene's own way again and again, and learn how closely it can be gone."""
     learning_rate: float = 2e-3
     """Learning rate at the start; it falls linearly."""
     final_learning_rate: float = 2e-5
@@ -46,4 +49,5 @@ class ContinuousPpoConfig(PpoConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_settings(self, "share", "final_random_start")
         check_settings(self, "log_std", "log_std_init", "final_log_std")

@@ -25,6 +25,7 @@ _NOT_THE_MODELS = (
     "final_learning_rate",
     "final_ent_coef",
     "final_log_std",
+    "final_random_start",
     "signs",
     "mask_head",
 )

@@ -246,7 +246,8 @@ class IrsNavContinuousEnv(gymnasium.Env[Any, Action]):
         if self.maps.has_many_scenes:
             scene = chosen_scene(self.maps.names, given.pop("scene_id", None), self.np_random)
 
-        ends = choose_ends(self.maps, scene, given, lambda: self.np_random)
+        random_start = self.maps.rules.random_start
+        ends = choose_ends(self.maps, scene, given, lambda: self.np_random, random_start)
         self._episode = ContinuousEpisode(self.maps, ends, self._keys, budget)
         observation, info = self._episode.opening()
 

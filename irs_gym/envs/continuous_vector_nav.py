@@ -40,7 +40,7 @@ from irs_gym.mdp.continuous_ends import ContinuousEnds, checked_ends, choose_end
 from irs_gym.mdp.continuous_maps import ContinuousMaps, Point
 from irs_gym.mdp.continuous_rules import checked_headings
 from irs_gym.mdp.continuous_snapshot import ContinuousSnapshot
-from irs_gym.mdp.task import World, shows_fields
+from irs_gym.mdp.task import World, check_random_start, shows_fields
 from irs_gym.rendering.continuous_view import continuous_picture
 from irs_gym.rendering.frame_collection import FrameCollection
 from irs_gym.rendering.modes import with_render_mode
@@ -139,6 +139,29 @@ class IrsNavContinuousVectorEnv(VectorEnv[Any, Action, NDArray[Any]]):
     def task(self) -> ContinuousTask:
         """The arguments."""
         return self._task
+
+    @property
+    def random_start(self) -> float:
+        """Probability with which the start of an episode that begins from now on is drawn: at first
+        the argument's. It may be set, as a curriculum does.
+
+        Raises
+        ------
+        ValueError
+            Where it is set to no probability, or above 0 where the argument is 0, for which no
+            random numbers are seeded.
+        """
+        return self._sampler.random_start
+
+    @random_start.setter
+    def random_start(self, value: float) -> None:
+        check_random_start(value)
+        if value and not self.maps.rules.random_start:
+            raise ValueError(
+                f"random_start={value!r} cannot be set in an environment made without: make it "
+                "with a random_start above 0"
+            )
+        self._sampler.random_start = value
 
     def world_of(self, i: int) -> World:
         """World of `IrsNav-v0` with the map of robot i."""
@@ -256,7 +279,8 @@ class _EpisodeSampler:
         self.maps = maps
         self.transition_model: ContinuousModel = model_of(maps)
         self.packing = self.transition_model.packing
-        self.is_random = maps.has_many_scenes or bool(maps.rules.random_start)
+        self.random_start: float = maps.rules.random_start
+        self.is_random = maps.has_many_scenes or bool(self.random_start)
         self.rules = maps.rules
         self.cell_size = maps.cell_size
         self.is_violable = maps.rules.constraint == "allow"
@@ -289,7 +313,7 @@ class _EpisodeSampler:
                 scene = chosen_scene(self.maps.names, scene_ids[i], rng(i))
 
             self.before[i] = self.ends[i]
-            self.ends[i] = choose_ends(self.maps, scene, given, partial(rng, i))
+            self.ends[i] = choose_ends(self.maps, scene, given, partial(rng, i), self.random_start)
             states[i] = self.transition_model.state(self.ends[i])
 
         return states

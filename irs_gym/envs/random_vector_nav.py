@@ -275,7 +275,7 @@ class _EpisodeSampler:
         goals = pool.goal[numbers]
 
         for n, rng in enumerate(rngs if rules.random_start else ()):
-            if draws_start(rules, rng):
+            if draws_start(rules.random_start, rng):
                 goal = tuple(goals[n].tolist())
                 cells = (
                     start_cells(pool.distance_to_go[numbers[n]], goal)

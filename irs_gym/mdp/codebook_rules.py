@@ -298,7 +298,8 @@ def choose_ends(
     goal = given.get("goal") or maps.own_goal(scene)
     start = given.get("start")
     configuration = given.get("configuration")
-    if start is not None or not maps.rules.random_start or not draws_start(maps.rules, rng()):
+    random_start = maps.rules.random_start
+    if start is not None or not random_start or not draws_start(random_start, rng()):
         own = maps.own_start(scene) if start is None else start
         return _checked_ends(maps, scene, own, goal, configuration)
 

@@ -53,16 +53,17 @@ def choose_ends(
     scene: int,
     given: dict[str, Point],
     rng: Callable[[], np.random.Generator],
+    random_start: float,
 ) -> ContinuousEnds:
-    """Ends of an episode: those that are given, points in metres, else the scene's; or a start that
-    is drawn.
+    """Ends of an episode: those that are given, points in metres, else the scene's; or, with
+    probability ``random_start``, a start that is drawn.
 
     Raises ``ValueError`` where there can be no such episode.
     """
     goal = maps.in_cells(scene, given["goal"]) if "goal" in given else maps.own_goal(scene)
     if "start" in given:
         ends = ContinuousEnds(scene, maps.in_cells(scene, given["start"]), goal)
-    elif maps.rules.random_start and draws_start(maps.rules, rng()):
+    elif random_start and draws_start(random_start, rng()):
         _check_point(maps, scene, "goal", goal)
         return ContinuousEnds(scene, _drawn_start(maps, scene, goal, rng()), goal)
     else:

@@ -406,7 +406,7 @@ def choose_start(
     """The world's start; with the probability that its task says, one drawn among the cells that
     lead to the goal, within the budget where there is one.
     """
-    if not draws_start(world.rules, rng):
+    if not draws_start(world.rules.random_start, rng):
         return world.start
 
     check_cell(world, "goal", goal)
@@ -421,9 +421,8 @@ def choose_start(
     return world.radio_map.grid.cell_at(draw_start(starts, rng))
 
 
-def draws_start(rules: Rules, rng: np.random.Generator) -> bool:
+def draws_start(probability: float, rng: np.random.Generator) -> bool:
     """Whether the start of this episode is a drawn one."""
-    probability = rules.random_start
     return bool(probability and (probability == 1 or rng.random() < probability))
 
 

@@ -71,10 +71,7 @@ class Rules:
         _check_number("goal_bonus", self.goal_bonus)
         if self.goal_bonus < 0:
             raise ValueError(f"goal_bonus={self.goal_bonus} must not be negative")
-        if not isinstance(self.random_start, Real | np.bool_) or not 0 <= self.random_start <= 1:
-            raise ValueError(
-                f"random_start={self.random_start!r} must be a bool or a probability from 0 to 1"
-            )
+        check_random_start(self.random_start)
         if not is_integer(self.patch_radius) or not 0 <= self.patch_radius <= 100:
             raise ValueError(f"patch_radius={self.patch_radius!r} must be an integer from 0 to 100")
 
@@ -592,6 +589,13 @@ def irs_settings(scene: Scene, phase_bits: int | None) -> NDArray[np.float64]:
     resolution = 1.0 if phase_bits is None else 1.0 - 2.0 / 2**phase_bits
 
     return np.array([1.0, resolution, 1.0 - 2.0 / (1.0 + elements / 1000.0)])
+
+
+def check_random_start(value: Any) -> None:
+    """Refuse what is no probability, nor a bool."""
+    is_number = isinstance(value, Real | np.bool_)
+    if not (is_number and 0 <= value <= 1):
+        raise ValueError(f"random_start={value!r} must be a bool or a probability from 0 to 1")
 
 
 def _check_number(name: str, value: Any) -> None:

@@ -13,6 +13,7 @@ import pytest
 import torch
 from evaluating import call as evaluate
 from PIL import Image
+from stable_baselines3 import PPO
 from tiny import TINY, call, continuous_floor
 
 from agents.networks.bounded_policy import Disc
@@ -266,6 +267,7 @@ def test_the_sweep_has_ten_seeds_of_each_algorithm_at_three_targets(monkeypatch,
         ("continuous_ppo", "--agent.ent-coef -0.1", "ent_coef=-0.1 must not be negative"),
         ("continuous_ppo", "--agent.final-ent-coef nan", "final_ent_coef=nan must not be"),
         ("continuous_ppo", "--agent.max-episode-steps 0", "max_episode_steps=0 must be"),
+        ("continuous_ppo", "--agent.final-random-start 1.1", "final_random_start=1.1 must be"),
         ("continuous_ppo", "--agent.batch-size 1000", "batch_size=1000 must be 2 or more"),
         ("td3", "--agent.action-noise -0.1", "action_noise=-0.1 must not be negative"),
         ("td3", "--agent.target-policy-noise nan", "target_policy_noise=nan must not be"),
@@ -295,7 +297,7 @@ def test_ppo_learns_to_go_round_a_wall_that_stops_who_goes_straight(tmp_path):
     words = (
         f"--env.radio-map {tmp_path / 'wall.npz'} --env.target-db -3 --env.start 0.5 0.5 "
         "--env.goal 5.5 0.5 --env.patch-radius 1 --env.random-start 0.8 --agent.n-envs 64 "
-        "--agent.batch-size 256 --agent.net-arch 32 32 --agent.learning-rate 0.002 "
+        "--agent.batch-size 256 --agent.net-arch 32 32 --agent.max-episode-steps 24 "
         "--agent.total-timesteps 45000 --eval-every 4096 --no-progress"
     )
     assert call(["continuous_ppo", "--out", tmp_path / "run", *words.split()]) == 0
@@ -303,6 +305,28 @@ def test_ppo_learns_to_go_round_a_wall_that_stops_who_goes_straight(tmp_path):
     found = roll_out(run.load_model("best"), evaluation_env(run.task))
     assert found.is_success
     assert 1.0 < found.ratio < 1.25
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "later"),
+    [(0.9, 0.2, 0.2), (0.9, 0.95, 0.9), (0.3, 0.0, 0.0), (0.0, 0.1, 0.0)],
+)
+def test_ppo_draws_fewer_starts_in_the_second_half(tmp_path, monkeypatch, first, last, later):
+    seen = []
+    rollout = PPO.collect_rollouts
+
+    def watched(self, env, *arguments, **kwargs):
+        done = rollout(self, env, *arguments, **kwargs)
+        seen.append(env.envs.random_start)
+        return done
+
+    monkeypatch.setattr(PPO, "collect_rollouts", watched)
+    words = (
+        f"--env.random-start {first} --agent.final-random-start {last} --agent.n-envs 4 "
+        "--agent.n-steps 8 --agent.batch-size 32 --agent.total-timesteps 192 --no-progress"
+    )
+    assert call(["continuous_ppo", "--out", tmp_path / "run", *words.split()]) == 0
+    assert seen == [first] * 3 + [later] * 3
 
 
 def test_what_moves_over_a_grid_and_what_goes_anywhere_are_not_mixed_up(tmp_path):

@@ -6,6 +6,8 @@ import pytest
 from alike import assert_equal_for, assert_same, both
 from gymnasium.vector import AutoresetMode
 
+from irs_gym.envs.continuous_vector_nav import IrsNavContinuousVectorEnv
+
 ID = "irs_gym:IrsNavContinuous-v0"
 # close ends and a short limit: many episodes of every kind in few steps
 OFTEN = {
@@ -130,3 +132,44 @@ def test_of_the_exact_field_many_are_as_single_ones(constraint):
     kwargs = {**OFTEN, **CONSTRAINTS[constraint], "random_start": 0.5, "field": "exact"}
     ours, single = both(ID, 2, AutoresetMode.SAME_STEP, **kwargs)
     assert_equal_for(12, ours, single)
+
+
+def test_the_share_of_drawn_starts_may_be_changed_between_steps():
+    envs = IrsNavContinuousVectorEnv(64, 3, "SameStep", target_db=-61.8, random_start=1.0)
+    twin = IrsNavContinuousVectorEnv(64, 3, "SameStep", target_db=-61.8, random_start=1.0)
+    still = np.zeros((64, 2))
+    own = envs.maps.own_start(0)
+
+    envs.reset(seed=5)
+    twin.reset(seed=5)
+    assert not any(envs.ends_of(i).start == own for i in range(64))
+
+    envs.random_start = 0.0
+    for _ in range(2):
+        assert_same(envs.step(still)[0], twin.step(still)[0])  # episodes under way stay as they are
+
+    observation, *_ = envs.step(still)
+    assert all(envs.ends_of(i).start == own for i in range(64))
+    assert len(np.unique(observation["position"], axis=0)) == 1
+
+    envs.random_start = 0.5
+    for _ in range(3):
+        envs.step(still)
+    drawn = sum(envs.ends_of(i).start != own for i in range(64))
+    assert 12 < drawn < 52
+
+
+@pytest.mark.parametrize(
+    ("made", "value", "message"),
+    [
+        (1.0, 1.5, "random_start=1.5 must be a bool or a probability"),
+        (1.0, np.nan, "random_start=nan must be a bool or a probability"),
+        (1.0, "often", "random_start='often' must be a bool or a probability"),
+        (0.0, 0.5, "random_start=0.5 cannot be set in an environment made without"),
+    ],
+)
+def test_a_share_of_drawn_starts_that_cannot_be_is_refused(made, value, message):
+    envs = IrsNavContinuousVectorEnv(2, random_start=made)
+    with pytest.raises(ValueError, match=message):
+        envs.random_start = value
+    assert envs.random_start == made

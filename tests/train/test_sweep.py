@@ -396,14 +396,28 @@ def test_sweeps_over_many_scenes_hold_every_generalist_and_the_curve():
         assert f"seed{config.seed}" in str(config.agent.weights)
 
 
-def test_sweep_over_families_leaves_each_out_of_what_its_agents_learn_on():
-    plan = Plan.load(SWEEPS / "generalisation-families.toml")
+@pytest.mark.parametrize("name", ["generalisation-families", "generalisation-families-then-ppo"])
+def test_sweeps_over_families_leave_each_out_of_what_its_agents_learn_on(name):
+    plan = Plan.load(SWEEPS / f"{name}.toml")
     assert set(plan.settings) == {f"all-but-{name}" for name in FAMILIES}
     for config in plan.configs():
         family = config.out.parts[-3].removeprefix("all-but-")
         assert config.env.split == all_but(family)
         assert f"train-{family}" not in members_of(config.env.split)
         assert config.env.test_split == "val"
+
+
+def test_ppo_with_a_family_left_out_begins_with_what_imitation_has_found_without_it():
+    before = Plan.load(SWEEPS / "generalisation-families.toml")
+    after = Plan.load(SWEEPS / "generalisation-families-then-ppo.toml")
+    usual = Plan.load(SWEEPS / "generalisation-then-ppo.toml")
+    like = next(each for each in usual.configs() if each.agent.algorithm == "explorer_ppo").agent
+    found = {each.out: each for each in before.configs()}
+
+    for config in after.configs():
+        first = found[config.agent.weights]
+        assert (first.seed, first.env) == (config.seed, config.env)
+        assert config.agent == replace(like, weights=config.agent.weights)
 
 
 @pytest.mark.parametrize(

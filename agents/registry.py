@@ -155,6 +155,9 @@ ALGORITHMS: dict[str, Row] = {
         mixes="stable_baselines3:PPO",
         env={
             "random_start": 0.7,
+            "observation": "dict",
+            "patch_radius": 3,
+            "irs_phases": False,
             "target_db": -60.0,
             "constraint": "budget",
             "budget": 13.0,

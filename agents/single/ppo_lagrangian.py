@@ -35,11 +35,21 @@ class PpoLagrangianConfig(PpoConfig):
 
     algorithm: ClassVar[str] = "ppo_lagrangian"
 
-    round_timesteps: int = 400_000
+    total_timesteps: int = 3_600_000
+    """Steps of all rounds at most."""
+    n_envs: int = 256
+    """Environments that are stepped together."""
+    max_episode_steps: int = 48
+    """Steps after which a robot is set elsewhere in training."""
+    n_steps: int = 32
+    """Steps of each environment between two updates."""
+    n_epochs: int = 4
+    """Passes over the transitions in an update."""
+    round_timesteps: int = 600_000
     """Steps of a round at most, and of the schedule of its learning rate."""
     test_every: int = 8192
     """Least number of steps between two tests of a round's greedy policy."""
-    hold: int = 8
+    hold: int = 20
     """A round ends early where so many tests in a row have arrived at the same cost and distance.
     """
     first_price: float = 1.0

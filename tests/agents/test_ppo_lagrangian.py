@@ -192,9 +192,11 @@ def test_saved_mixture_acts_as_the_trained_one_and_a_damaged_one_is_refused(tmp_
     words = [*TINY["ppo_lagrangian"], "--agent.total-timesteps", 256]
     assert call(["ppo_lagrangian", "--out", tmp_path / "run", *words]) == 0
     run = Run.open(tmp_path / "run")
+    world = {**BUDGET, "target_db": -60.0, "patch_radius": 1}
+    world |= {"observation": "dict", "irs_phases": False}
     model = PpoLagrangian(
         PpoLagrangianConfig(net_arch=(8,), n_envs=4, n_steps=16, batch_size=32),
-        IrsNavVecEnv(4, patch_radius=1, **{**BUDGET, "target_db": -60.0, "budget": 13.0}),
+        IrsNavVecEnv(4, **{**world, "budget": 13.0}),
         run.config.seed,
     )
     policies = [model._ppo.policy]
@@ -207,7 +209,7 @@ def test_saved_mixture_acts_as_the_trained_one_and_a_damaged_one_is_refused(tmp_
     loaded = run.load_model()
     np.testing.assert_array_equal(loaded.shares, [0.25, 0.75])
     np.testing.assert_array_equal(loaded.rounds, [[0.0, 26.0, 21.5]])
-    env = IrsNavVecEnv(64, patch_radius=1, random_start=True, **{**BUDGET, "target_db": -60.0})
+    env = IrsNavVecEnv(64, random_start=True, **world)
     seen = env.reset()
     ours, theirs = (each.predict(seen, deterministic=True)[0] for each in (model, loaded))
     np.testing.assert_array_equal(ours, theirs)

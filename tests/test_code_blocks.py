@@ -65,14 +65,21 @@ class Block:
 
     @property
     def shortened(self) -> str:
-        """The code with its replacements made."""
+        """The code with its replacements made; the same help is asked for once."""
         code = self.code
         for note in self.notes:
             if not note.startswith(("after ", "needs ")):
                 old, new = note.split(" -> ")
                 assert code.count(old) == 1, f"{self.place}: {old!r} is not there exactly once"
                 code = code.replace(old, new)
-        return code
+
+        lines = code.splitlines(keepends=True)
+        is_new = [line not in lines[:n] for n, line in enumerate(lines)]
+        asks = [line.rstrip().endswith("--help") for line in lines]
+
+        return "".join(
+            line for line, new, ask in zip(lines, is_new, asks, strict=True) if new or not ask
+        )
 
 
 def blocks(text: str, name: str = "") -> list[Block]:

@@ -43,6 +43,7 @@ def main(
         board = budget_board(results, left_out)
         board["commands"] = commands_of("budget", trained_by)
         data = json.dumps(board, indent=1, allow_nan=False) + "\n"
+        out.mkdir(parents=True, exist_ok=True)
         write_file(out / "budget.json", data.encode())
         write_file(out / "budget.md", budget_page(board).encode())
 

@@ -48,6 +48,7 @@ def main(
         board = continuous_board(results, left_out, episodes)
         board["commands"] = commands_of("continuous", trained_by)
         data = json.dumps(board, indent=1, allow_nan=False) + "\n"
+        out.mkdir(parents=True, exist_ok=True)
         write_file(out / "continuous.json", data.encode())
         write_file(out / "continuous.md", continuous_page(board).encode())
 

@@ -59,6 +59,7 @@ def main(
         print(f"python -m eval grids: {error}", file=sys.stderr)
         return 2
 
+    out.mkdir(parents=True, exist_ok=True)
     write_file(out / "grids.md", grids_page(comparisons, timings).encode())
     print(f"written: {out / 'grids.md'}")
 

@@ -38,6 +38,7 @@ def main(folder: Path = Path("docs/leaderboard"), out: Path = Path("docs")) -> i
 
         shown = folder.as_posix()
         commands = commands_block(commands_of("leaderboard", None))
+        out.mkdir(parents=True, exist_ok=True)
         write_file(out / "leaderboard.md", leaderboard_page(found, shown, commands).encode())
     except (OSError, ValueError) as error:
         print(f"python -m eval leaderboard: {printable(str(error))}", file=sys.stderr)

@@ -88,8 +88,9 @@ def test_page_tells_the_runs_below_a_folder(tmp_path, monkeypatch):
     words = [*TINY["q_learning"], *hard, "--agent.total-timesteps", 128]
     assert call(["q_learning", "--out", tmp_path / "runs" / "hard", *words]) == 0
 
-    assert evaluate(monkeypatch, "budget", tmp_path / "runs", "--out", tmp_path) == 0
-    board = json.loads((tmp_path / "budget.json").read_text())
+    out = tmp_path / "a" / "page"  # is made
+    assert evaluate(monkeypatch, "budget", tmp_path / "runs", "--out", out) == 0
+    board = json.loads((out / "budget.json").read_text())
     ((bound,), (budget,)) = board["expected"], board["hard"]
     assert (bound["bound"], bound["seeds"]) == (13.0, [0, 1])
     assert bound["optimum"] == pytest.approx(23.607, abs=1e-3)
@@ -97,7 +98,7 @@ def test_page_tells_the_runs_below_a_folder(tmp_path, monkeypatch):
     assert estimated_anew(bound) == bound  # all follows from what is kept
     assert (budget["exact"], budget["seeds"]) == (0, [0])
     assert budget["optimum"] == pytest.approx(22.399, abs=1e-3)
-    page = (tmp_path / "budget.md").read_text()
+    page = (out / "budget.md").read_text()
     assert "23.607 m" in page
     assert "0 of 1" in page
 

@@ -179,9 +179,7 @@ class FallingSpread(_Falling):
 
 
 class LaterStarts(BaseCallback):
-    """Draws starts with other probabilities in the two halves of the schedule; before a rollout, as
-    an environment that was restored has the first.
-    """
+    """Draws starts with other probabilities in the two halves of the schedule."""
 
     def __init__(self, first: float, last: float) -> None:
         super().__init__()

@@ -112,7 +112,7 @@ def _metres(value: float | None) -> str:
 
 
 def _percent(value: float | None) -> str:
-    return "infinite" if value is None else f"{value:.2%}"
+    return "infinite" if value is None else f"{value:z.2%}"
 
 
 def left_out_text(left_out: Sequence[Mapping[str, Any]]) -> str:

@@ -74,11 +74,10 @@ class Block:
                 code = code.replace(old, new)
 
         lines = code.splitlines(keepends=True)
-        is_new = [line not in lines[:n] for n, line in enumerate(lines)]
-        asks = [line.rstrip().endswith("--help") for line in lines]
-
         return "".join(
-            line for line, new, ask in zip(lines, is_new, asks, strict=True) if new or not ask
+            line
+            for n, line in enumerate(lines)
+            if not (line.rstrip().endswith("--help") and line in lines[:n])
         )
 
 

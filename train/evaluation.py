@@ -142,9 +142,9 @@ class Evaluation(BaseCallback):
         return episode.is_success and episode.distance < self.best.distance
 
 
-class _Falling(BaseCallback):
-    """Lowers something of PPO linearly over the schedule: before a rollout, so that its actions and
-    the update are of the same.
+class _Scheduled(BaseCallback):
+    """Changes something of PPO over the schedule, linearly unless `_value` says otherwise: before a
+    rollout, so that its actions and the update are of the same.
     """
 
     def __init__(self, first: float, last: float) -> None:
@@ -153,24 +153,27 @@ class _Falling(BaseCallback):
         self.last = last
 
     def _on_rollout_start(self) -> None:
-        left = self.model._current_progress_remaining
-        self._assign(self.last + (self.first - self.last) * left)
+        self._assign(self._value(self.model._current_progress_remaining))
 
     def _on_step(self) -> bool:
         return True
+
+    def _value(self, left: float) -> float:
+        """What holds when a share of the schedule is left."""
+        return self.last + (self.first - self.last) * left
 
     def _assign(self, value: float) -> None:
         raise NotImplementedError
 
 
-class FallingEntropy(_Falling):
+class FallingEntropy(_Scheduled):
     """Lowers the weight of PPO's entropy bonus."""
 
     def _assign(self, value: float) -> None:
         self.model.ent_coef = value  # type: ignore[attr-defined]
 
 
-class FallingSpread(_Falling):
+class FallingSpread(_Scheduled):
     """Lowers the logarithm of the standard deviation of PPO's actions."""
 
     def _assign(self, value: float) -> None:
@@ -178,21 +181,15 @@ class FallingSpread(_Falling):
         policy.log_std.data.fill_(value)
 
 
-class LaterStarts(BaseCallback):
+class LaterStarts(_Scheduled):
     """Draws starts with other probabilities in the two halves of the schedule."""
 
-    def __init__(self, first: float, last: float) -> None:
-        super().__init__()
-        self.first = first
-        self.last = last
+    def _value(self, left: float) -> float:
+        return self.last if left <= 0.5 else self.first
 
-    def _on_rollout_start(self) -> None:
-        is_late = self.model._current_progress_remaining <= 0.5
+    def _assign(self, value: float) -> None:
         envs: Any = self.training_env
-        envs.envs.random_start = self.last if is_late else self.first
-
-    def _on_step(self) -> bool:
-        return True
+        envs.envs.random_start = value
 
 
 class Progress(BaseCallback):

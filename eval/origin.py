@@ -45,6 +45,11 @@ def origin_text(record: Mapping[str, Any]) -> str:
     )
 
 
+def merged(*lists: Sequence[Any]) -> list[Any]:
+    """All that is in any of some lists, each once."""
+    return _unique([each for some in lists for each in some])
+
+
 def _listed(versions: Mapping[str, str]) -> str:
     return ", ".join(f"{text(name)} {text(version)}" for name, version in versions.items())
 

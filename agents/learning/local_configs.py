@@ -49,7 +49,7 @@ class ExplorerConfig:
     """Run folder, or file, of a trained network of the same settings to begin with; None to begin
     anew.
     """
-    learning_rate: float = 1e-3
+    learning_rate: float = 2e-3
     """Learning rate at the start."""
     robots: int = 64
     """Robots on their ways at a time, each in a scene of its own."""
@@ -61,12 +61,11 @@ class ExplorerConfig:
     """Cells that a robot sees in each direction."""
     width: int = 16
     """Channels of the network's hidden layers."""
-    trust: float = 0.5
-    """Share of what it has learned of prices that it acts on. With 1 it does best in factories of
-    the kind that it learns in, with less of it in others too."""
+    trust: float = 1.0
+    """Share of what it has learned that it acts on; with 0 it is as before it has learned."""
     device: Device = "cpu"
     """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
-    total_timesteps: int = 256_000
+    total_timesteps: int = 384_000
     """Steps of the whole schedule, counted over all robots."""
     n_steps: int = 4
     """Mean number of steps of each robot between two updates."""
@@ -134,9 +133,8 @@ class ExplorerPpoConfig:
     """Cells that a robot sees in each direction."""
     width: int = 16
     """Channels of the network's hidden layers."""
-    trust: float = 0.5
-    """Share of what it has learned of prices that it acts on. With 1 it does best in factories of
-    the kind that it learns in, with less of it in others too."""
+    trust: float = 1.0
+    """Share of what it has learned that it acts on; with 0 it is as before it has learned."""
     device: Device = "cpu"
     """Where the network learns: ``"auto"`` is a GPU where there is one. Robots move on the CPU."""
     n_plans: int = 8

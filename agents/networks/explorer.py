@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import normalize, pad
+from torch.nn.functional import pad, softplus
 
 from agents.networks.map_network import MapPlan
 from agents.networks.planner import neighbours, plan
@@ -17,14 +17,38 @@ from irs_gym.grid import MOVE_LENGTHS
 BLOCKED = 1e6
 """Cost of entering a cell known to be infeasible: more than any way through unknown cells, be it
 through all cells of a maze of 160 x 160."""
-_PLANES = 8  # what the network sees of each cell
-_DILATIONS = (1, 2, 4, 8, 4, 2, 1)  # so that an answer depends on cells up to 23 away
-PRIOR = 0.126928  # softplus(-2)
+PRIOR = 130 / 1024
 """Before it has learned, a cell not seen costs its length times 1 + this."""
-LEAST_EXTRA = 0.05
+LEAST_EXTRA = 51 / 1024
 MOST_EXTRA = 1.0
 """Whatever is learned, a cell not seen costs its length times 1 + something between these: what
 holds in some factories can do no more harm than that in others."""
+
+KNOWN_EXTRA = 0.125
+"""A cell seen to be feasible costs its length times 1 + something between 0 and this: enough to
+choose among ways of nearly the same length."""
+
+_PLANES = 8  # what the network sees of each cell
+_BLOCK = 2  # cells a side of the blocks that are one place each to the convolutions
+_DILATIONS = (1, 2, 4, 2, 1)  # in blocks, so that an answer depends on cells up to 23 away
+
+# What is read out before it has learned, in each cell of a block: a logit, and a caution of which
+# the prior follows.
+_FIRST_LOGIT = 1.0
+_FIRST_CAUTION = (PRIOR - LEAST_EXTRA) / math.log1p(math.exp(-_FIRST_LOGIT))
+_FIRST_TASTE = -2.0
+_ANSWERS = 3  # for each cell
+_FIRST_ANSWER = torch.tensor(
+    [_FIRST_LOGIT, math.log(_FIRST_CAUTION), _FIRST_TASTE]
+).repeat_interleave(_BLOCK**2)
+
+# But for learning, all numbers are whole multiples of such steps.
+_VALUE_STEPS = 32  # in 1
+_LARGEST_VALUE = 8.0
+_WEIGHT_STEPS = 256
+_LARGEST_WEIGHT = 1.0
+_PRICE_STEPS = 1024
+_EXACT = 2.0**24  # up to so many steps a sum is exact in single precision, in whatever order
 
 
 class Prices(NamedTuple):
@@ -53,6 +77,10 @@ class ExplorerNetwork(nn.Module):
     It sees nothing that tells one kind of factory from another: neither how large a map is or how
     far the goal, but in which direction, nor the IRS, but what it does to the margins.
 
+    Once it has learned (``eval()``), what convolutions multiply and add up are whole numbers of
+    steps so few that no sum is rounded. So prices are the same to the last digit in any batch and
+    on any machine.
+
     Parameters
     ----------
     width
@@ -61,17 +89,17 @@ class ExplorerNetwork(nn.Module):
 
     def __init__(self, width: int = 16) -> None:
         super().__init__()
-        self.first = nn.Conv2d(_PLANES, width, 3, padding=1)
+        self.first = nn.Conv2d(_PLANES * _BLOCK**2, width, 3, padding=1)
         self.layers = nn.ModuleList(
             nn.Conv2d(width, width, 3, padding=step, dilation=step) for step in _DILATIONS
         )
-        self.read_out = nn.Conv2d(width, 2, 1)
+        self.read_out = nn.Conv2d(width, _ANSWERS * _BLOCK**2, 1)
 
-        # It begins near optimism: every cell costs little more than its length, most are feasible.
+        # It begins near optimism: every cell is as likely to be feasible, and costs a little more.
         assert self.read_out.bias is not None  # as it is asked for above
+        nn.init.zeros_(self.read_out.weight)
         with torch.no_grad():
-            self.read_out.weight[0].zero_()
-            self.read_out.bias.copy_(torch.tensor([0.0, 1.0]))
+            self.read_out.bias.copy_(_FIRST_ANSWER)
 
         # Sharp from the start: otherwise prices rise for no more than to make draws surer.
         self.log_beta = nn.Parameter(torch.tensor(2.0))
@@ -96,8 +124,8 @@ class ExplorerNetwork(nn.Module):
         other = deepcopy(self)
         assert other.read_out.bias is not None
         with torch.no_grad():
-            other.read_out.weight[0] *= share
-            other.read_out.bias[0] *= share
+            other.read_out.weight *= share
+            other.read_out.bias.lerp_(_FIRST_ANSWER, 1.0 - share)
 
         return other
 
@@ -123,39 +151,78 @@ class ExplorerNetwork(nn.Module):
                 is_blocked,
                 is_goal,
                 torch.ones_like(is_known),
+                *_directions(goals, (columns, rows)),
             ],
-            dim=1,
-        )  # (B, 6, X, Y)
-        planes = torch.cat([planes, _directions(goals, (columns, rows))], dim=1)  # (B, 8, X, Y)
-        answer = self._guess(planes)  # (B, 2, X, Y)
+            dim=-1,
+        )  # (B, X, Y, 8)
+        answers = self._guess(planes)  # (B, X, Y, 3)
+        feasible, log_caution, taste = answers.double().unbind(-1)
 
-        # A cell that was seen costs what it is known to, another what is guessed.
-        first = math.log((PRIOR - LEAST_EXTRA) / (MOST_EXTRA - PRIOR))
-        share = (first + answer[:, 0]).sigmoid()
-        extra = LEAST_EXTRA + (MOST_EXTRA - LEAST_EXTRA) * share
-        cost = torch.where(is_known, 1.0, 1.0 + extra).masked_fill(is_blocked, BLOCKED)
+        # A cell not seen costs the more the less likely it is, one that was a little more or less.
+        surprise = softplus(-feasible)  # in nats, were it feasible
+        unknown = (LEAST_EXTRA + log_caution.exp() * surprise).clamp(max=MOST_EXTRA)
+        extra = torch.where(is_known, KNOWN_EXTRA * taste.sigmoid(), unknown)
+        extra = extra if self.training else _in_steps(extra, _PRICE_STEPS, MOST_EXTRA)
+        cost = (1.0 + extra.float()).masked_fill(is_blocked, BLOCKED)
 
-        return Prices(cost, is_goal, answer[:, 1])
+        return Prices(cost, is_goal, answers[..., 0])
+
+    def _rounded(self, values: Tensor) -> Tensor:
+        return values if self.training else _in_steps(values, _VALUE_STEPS, _LARGEST_VALUE)
+
+    def _convolve(self, layer: nn.Module, values: Tensor) -> Tensor:
+        """A convolution; but for learning, an exact one of rounded values."""
+        assert isinstance(layer, nn.Conv2d)
+        assert layer.bias is not None  # as no layer is without one
+        if self.training:
+            found: Tensor = layer(values)
+            return found
+
+        # Wide layers, of more products to add up, have fewer steps.
+        most = (layer.weight[0].numel() + 1) * _LARGEST_VALUE * _VALUE_STEPS * _LARGEST_WEIGHT
+        steps = min(_WEIGHT_STEPS, 2.0 ** math.floor(math.log2(_EXACT / most)))
+        weight = _in_steps(layer.weight, steps, _LARGEST_WEIGHT)
+        bias = _in_steps(layer.bias, steps * _VALUE_STEPS, _LARGEST_VALUE)
+
+        exact: Tensor = layer._conv_forward(values, weight, bias)
+        return exact
 
     def _guess(self, planes: Tensor) -> Tensor:
-        found = self.first(planes).relu()
+        """What the convolutions say of each cell, ``(B, X, Y, 3)``, of planes ``(B, X, Y, 8)``."""
+        batch, columns, rows, _ = planes.shape
+        whole = pad(planes, (0, 0, 0, -rows % _BLOCK, 0, -columns % _BLOCK))
+        across, along = (size // _BLOCK for size in whole.shape[1:3])
+        blocks = whole.view(batch, across, _BLOCK, along, _BLOCK, -1).transpose(2, 3).flatten(3)
+
+        # Channels lie side by side in memory, which takes a third of the time.
+        found = self._rounded(blocks.movedim(-1, 1))
+        found = self._rounded(self._convolve(self.first, found).relu())
         for layer in self.layers:
-            found = found + layer(found).relu()
-        answer: Tensor = self.read_out(found)
+            found = self._rounded(found + self._convolve(layer, found).relu())
+        answer = self._convolve(self.read_out, found)  # (B, 12, X / 2, Y / 2)
 
-        return answer
+        cells = answer.view(batch, _ANSWERS, _BLOCK, _BLOCK, across, along)
+        cells = cells.permute(0, 4, 2, 5, 3, 1).reshape(*whole.shape[:3], _ANSWERS)
+
+        return cells[:, :columns, :rows]
 
 
-def _directions(goals: Tensor, shape: tuple[int, int]) -> Tensor:
-    """Where the goals lie from each cell: x and y of a vector of length 1, ``(B, 2, X, Y)``; of
+def _directions(goals: Tensor, shape: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Where the goals lie from each cell: x and y of a vector of length 1, ``(B, X, Y)`` each; of
     length 0 at the goal.
     """
     i = torch.arange(shape[0], device=goals.device)[:, None]  # (X, 1)
     j = torch.arange(shape[1], device=goals.device)  # (Y,)
-    along_x = ((goals // shape[1])[:, None, None] - i).expand(-1, *shape)
-    along_y = ((goals % shape[1])[:, None, None] - j).expand(-1, *shape)
+    along_x = ((goals // shape[1])[:, None, None] - i).float()  # (B, X, 1)
+    along_y = ((goals % shape[1])[:, None, None] - j).float()  # (B, 1, Y)
+    length = (along_x.square() + along_y.square()).sqrt().clamp(min=1.0)
 
-    return normalize(torch.stack([along_x, along_y], dim=1).float(), dim=1)
+    return along_x / length, along_y / length
+
+
+def _in_steps(values: Tensor, steps: float, largest: float) -> Tensor:
+    """Values cut off at the largest, and rounded to whole steps, so many of which are 1."""
+    return (values.clamp(-largest, largest) * steps).round_() / steps
 
 
 def costs_of_moves(cost: Tensor) -> Tensor:

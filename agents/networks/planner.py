@@ -133,10 +133,14 @@ def barred_moves(is_closed: Tensor, is_obstacle: Tensor | None = None) -> Tensor
     return hits | (leads_to & ~is_closed[:, None])
 
 
-def value_iteration(costs: Tensor, is_goal: Tensor, rounds: int | None = None) -> Tensor:
+def value_iteration(
+    costs: Tensor, is_goal: Tensor, rounds: int | None = None, cells: Tensor | None = None
+) -> Tensor:
     """A `Search` of all maps at once: quick where ways are short.
 
-    ``rounds`` bounds the rounds; by default they end when nothing changes any more.
+    ``rounds`` bounds the rounds; by default they end when nothing changes any more. With a flat
+    cell of each map, ``(B,)``, they end as soon as no cell changes from which it costs no more to
+    go: what costs as much or less is exact then, and the rest too much if anything.
     """
     # V is 0 at the goal and out of reach elsewhere; the border off the map stays out of reach.
     by_move = costs.transpose(0, 1).contiguous()  # (8, B, X, Y)
@@ -151,7 +155,13 @@ def value_iteration(costs: Tensor, is_goal: Tensor, rounds: int | None = None) -
         for cost, neighbour in zip(by_move, views, strict=True):
             torch.minimum(to_go, cost + neighbour, out=to_go)
 
-        if before is not None and torch.equal(before, to_go):
+        if before is None:
+            continue
+
+        is_changed = before != to_go
+        if cells is not None:
+            is_changed &= to_go <= to_go.flatten(1).gather(1, cells[:, None])[..., None]
+        if not is_changed.any():
             break
 
     return to_go.clone()

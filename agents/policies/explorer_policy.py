@@ -2,31 +2,49 @@
 `ExplorerNetwork`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import prod
 from typing import IO, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import nn
 
-from agents.networks.map_network import TIE, pack_network
+from agents.networks.explorer import BLOCKED, costs_of_moves
+from agents.networks.map_network import first_of_best, pack_network
+from agents.networks.planner import UNREACHED, value_iteration
 from agents.policies.belief_map import BeliefMap
-from agents.policies.traced_prices import traced_prices
-from irs_gym.grid import cells_at
+from irs_gym.grid import MOVE_LENGTHS, MOVES, cells_at, flat_cells, octile_distance
 from irs_gym.mdp.packing import DecodedObservation, Packing
 
+Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]
-_BATCH = 64  # maps in work at a time
+_BATCH = 16  # maps in work at a time
 
 
 @dataclass(frozen=True, eq=False)
 class ExplorerState:
-    """What n robots know since their reset, and what they are about to do."""
+    """What n robots know since their reset, and what they make of it.
+
+    Attributes
+    ----------
+    belief
+        What they have seen.
+    goals
+        Flat cells ``(n,)``.
+    cost, to_go
+        Of the latest plan of each, float32 ``(n, X + 2, Y + 2)``: what it costs to enter each cell,
+        and to go from it to the goal; out of reach in the border around the map.
+    reach
+        float32 ``(n,)``: cells from which it costs more to go may be said to cost too much.
+    """
 
     belief: BeliefMap
-    goals: Ints  # (n,), flat
-    moves: NDArray[np.uint8]  # (n, X * Y): the move in each cell
+    goals: Ints
+    cost: Floats
+    to_go: Floats
+    reach: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,53 +88,72 @@ class Explorer:
         # What each robot remembers, and nothing in a new episode.
         old = self._blank(len(at), patches.shape[-1] // 2) if state is None else state
         if episode_start is not None and np.any(episode_start):
-            old = ExplorerState(
-                old.belief.forget(np.ravel(episode_start).astype(bool)), old.goals, old.moves
-            )
+            belief = old.belief.forget(np.ravel(episode_start).astype(bool))
+            old = replace(old, belief=belief)
 
-        # A plan holds until something new comes into view.
-        belief = old.belief.look(cells_at(at, self.shape), patches)
+        # A plan holds until something new comes into view, or the robot is where it does not reach.
+        cells = cells_at(at, self.shape)  # (n, 2)
+        belief = old.belief.look(cells, patches)
         unknown, unknown_before = (
             np.isnan(each.maps).sum(axis=(1, 2)) for each in (belief, old.belief)
         )  # (n,), numbers of cells
-        changed = np.flatnonzero((unknown != unknown_before) | (to != old.goals))
-        moves = old.moves.copy()
+        cost, to_go, reach = old.cost.copy(), old.to_go.copy(), old.reach.copy()
+        robots = np.arange(len(at))
+        here = (robots, *(cells.T + 1))  # the robots' cells in their frames
+        needs_plan = np.flatnonzero(
+            (unknown != unknown_before) | (to != old.goals) | (to_go[here] > reach)
+        )
 
-        for part in np.array_split(changed, -(-len(changed) // _BATCH)) if len(changed) else ():
-            moves[part] = self._plan(belief.maps[part], to[part])
+        # Those with as far to go are planned for together, as they take as many rounds.
+        apart = octile_distance(cells[needs_plan] - cells_at(to[needs_plan], self.shape))
+        needs_plan = needs_plan[np.argsort(apart, kind="stable")]
+        for first in range(0, len(needs_plan), _BATCH):
+            part = needs_plan[first : first + _BATCH]
+            inner = part, slice(1, -1), slice(1, -1)
+            cost[inner], to_go[inner] = self._plan(belief.maps[part], to[part], at[part])
 
-        actions = moves[np.arange(len(at)), at].astype(np.int64)
+        reach[needs_plan] = to_go[here][needs_plan]
+        actions = self._likeliest(cells, cost, to_go)
 
-        return actions.reshape(decoded.cell.shape), ExplorerState(belief, to, moves)
+        state = ExplorerState(belief, to, cost, to_go, reach)
+        return actions.reshape(decoded.cell.shape), state
 
     def save(self, file: IO[bytes]) -> None:
         """Write the network's file."""
         file.write(pack_network("explorer", self.settings, self.network))
 
     def _blank(self, robots: int, radius: int) -> ExplorerState:
-        cells = self.shape[0] * self.shape[1]
+        framed = (robots, self.shape[0] + 2, self.shape[1] + 2)
         return ExplorerState(
             belief=BeliefMap.nothing(robots, self.shape, radius),
             goals=np.full(robots, -1, dtype=np.int64),
-            moves=np.zeros((robots, cells), dtype=np.uint8),
+            cost=np.full(framed, BLOCKED, dtype=np.float32),
+            to_go=np.full(framed, UNREACHED, dtype=np.float32),
+            reach=np.zeros(robots, dtype=np.float32),
         )
 
-    def _plan(self, margin: NDArray[np.float32], goals: Ints) -> NDArray[np.uint8]:
+    def _plan(self, margin: Floats, goals: Ints, cells: Ints) -> tuple[Floats, Floats]:
+        """What cells cost to enter, and to go on from, ``(n, X, Y)`` each."""
         network: Any = self.network.eval()
-        margins, to = (torch.from_numpy(np.ascontiguousarray(each)) for each in (margin, goals))
+        margins, to, at = (
+            torch.from_numpy(np.ascontiguousarray(each)) for each in (margin, goals, cells)
+        )
         with torch.inference_mode():
-            # In a batch, the last digits of convolutions depend on how large that is: prices are
-            # asked for one by one. Sums and minima of the plan are the same in any batch.
-            prices = [
-                traced_prices(network, (margins[n : n + 1], to[n : n + 1]))
-                for n in range(len(goals))
-            ]
-            cost = torch.cat([each.cost for each in prices])  # (n, X, Y)
-            is_goal = torch.cat([each.is_goal for each in prices])
-            logits = network.plan(cost, is_goal).logits  # (n, 8, X, Y)
-            moves: NDArray[np.uint8] = likeliest(logits).flatten(1).numpy()
+            prices = network.prices(margins, to)
+            to_go = value_iteration(costs_of_moves(prices.cost), prices.is_goal, cells=at)
 
-        return moves
+        return prices.cost.numpy(), to_go.numpy()
+
+    def _likeliest(self, cells: Ints, cost: Floats, to_go: Floats) -> Ints:
+        """The first of the best moves of plans from cells ``(n, 2)``, ``(n,)``."""
+        frame = cost.shape[1:]
+        ahead = flat_cells(cells + 1, frame)[:, None] + flat_cells(MOVES, frame)  # (n, 8)
+        there = np.arange(len(cells))[:, None] * prod(frame) + ahead  # in all frames
+        worth = MOVE_LENGTHS.astype(np.float32) * cost.take(there) + to_go.take(there)
+        worse = worth - worth.min(axis=1, keepdims=True)
+        network: Any = self.network
+
+        return first_of_best(-network.log_beta.exp().item() * worse, axis=1)
 
 
 def decode_local(observation: Any, shape: tuple[int, int]) -> DecodedObservation:
@@ -138,19 +175,3 @@ def decode_local(observation: Any, shape: tuple[int, int]) -> DecodedObservation
         )
 
     return packing.decode(observation)
-
-
-def likeliest(logits: Tensor) -> Tensor:
-    """The move with the greatest logit, of equals the first: uint8 ``(B, X, Y)`` for logits
-    ``(B, 8, X, Y)``.
-
-    Logits are equal where they differ by less than `agents.networks.map_network.TIE`.
-    """
-    least = logits.amax(dim=1) - TIE
-    move = torch.zeros_like(logits[:, 0], dtype=torch.uint8)
-
-    # the first one last, in a quarter of the time of an argmax, with strides as long as a map
-    for number in reversed(range(logits.shape[1])):
-        move.masked_fill_(logits[:, number] >= least, number)
-
-    return move

@@ -33,12 +33,20 @@ from eval.unseen.policy_results import (
     pace,
     results_of,
 )
-from eval.unseen.record import DATA_BYTES, SCORES, estimated_anew
+from eval.unseen.record import (
+    RECORD,
+    SCORES,
+    VERSION,
+    estimated_anew,
+    kept_rows,
+    read_record,
+    with_kept_rows,
+)
 from eval.unseen.scene_scores import SceneScores, key_of
 from eval.unseen.scores import HARD, detours
 from eval.unseen.throughput import throughput
 from irs_gym.datasets.cache import cache_folder
-from irs_gym.files import read_file, write_file
+from irs_gym.files import write_file
 
 GALLERY = ("planner_ppo", "unet_ppo", "unet", "explorer", "local_ppo")
 
@@ -54,6 +62,7 @@ def main(
     jobs: int = 2,
     kept: Path | None = None,
     trained_by: str | None = None,
+    keep_rows: bool = False,
 ) -> int:
     """Write generalisation.md, its data and its figures from all runs over many scenes below a
     folder, and from the models that come with the package.
@@ -77,6 +86,9 @@ def main(
         Folder of what was played; by default, one in the user's cache.
     trained_by
         The commands that trained the runs, to stand on the page, separated by semicolons.
+    keep_rows
+        Keep the rows of the page in --out that no run below the folder is of. They must be of the
+        same scenes.
     """
     try:
         if min(num_scenes, local_scenes, jobs) < 1:
@@ -90,6 +102,14 @@ def main(
         torch.set_num_threads(1)  # more wait for each other
         sizes: dict[Track, int] = {"map": num_scenes, "local": local_scenes}
         facts = facts_of(sizes)
+        shown: TrackFacts = {
+            track: {name: facts[name, scenes_of(name, track, size)] for name in PAGE_SETS}
+            for track, size in sizes.items()
+        }
+        if keep_rows:  # told before anything is played
+            algorithms = {run.config.algorithm for run in runs}
+            kept_rows(out, _sets_record(shown), lambda row: row["algorithm"] in algorithms)
+
         policies = policies_of(runs)
         trials = [each for policy in policies for each in policy.trials(sizes, facts).values()]
         found = play_all(trials, facts, _folder_of(kept), jobs, "playing")
@@ -100,14 +120,12 @@ def main(
             reasons = "".join(f"\n  {each.folder}: {each.reason}" for each in left_out)
             raise ValueError(f"no run below {str(folder)!r} can be played{reasons}")
 
-        shown: TrackFacts = {
-            track: {name: facts[name, scenes_of(name, track, size)] for name in PAGE_SETS}
-            for track, size in sizes.items()
-        }
         record, scores = record_of(entrants, left_out, shown)
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
         record["playing"] = playing_seconds(policies, found)
-        record["earlier"] = earlier_of(out / "generalisation.json", record)
+        if keep_rows:
+            record, scores = with_kept_rows(record, scores, out)
+        record["earlier"] = earlier_of(out / RECORD, record)
         record = estimated_anew(record, scores)
         figures = {
             "scenes.png": draw_scenes_curve(record),
@@ -158,7 +176,7 @@ def write(record: dict[str, Any], figures: dict[str, bytes], out: Path) -> None:
     """Write the figures, the data and the page."""
     write_pictures(out / FIGURES, figures)
     data = json.dumps(record, indent=1, allow_nan=False) + "\n"
-    write_file(out / "generalisation.json", data.encode())
+    write_file(out / RECORD, data.encode())
     write_file(out / "generalisation.md", unseen_page(record, FIGURES).encode())
 
 
@@ -174,12 +192,9 @@ def record_of(
         for record, each in zip(told, entrants, strict=True)
     }
     record = {
-        "format_version": 2,
+        "format_version": VERSION,
         "hard": HARD,
-        "sets": {
-            track: {name: _set_record(each) for name, each in some.items()}
-            for track, some in facts.items()
-        },
+        "sets": _sets_record(facts),
         "entrants": told,
         "left_out": [{"folder": each.folder, "reason": each.reason} for each in left_out],
         "throughput": throughput(),
@@ -196,7 +211,7 @@ def earlier_of(file: Path, record: Mapping[str, Any]) -> list[dict[str, Any]]:
     if not file.exists():
         return []
 
-    kept: dict[str, Any] = json.loads(read_file(file, DATA_BYTES))
+    kept = read_record(file)
     run_anew = {each["algorithm"] for each in record["entrants"] if each["is_run"]}
 
     return [each for each in kept.get("earlier", ()) if each["algorithm"] not in run_anew]
@@ -247,12 +262,18 @@ def gallery(entrants: Sequence[PolicyResult]) -> bytes:
     return draw_gallery(sceneries)
 
 
-def _set_record(facts: SetFacts) -> dict[str, Any]:
+def _sets_record(facts: TrackFacts) -> dict[str, Any]:
     return {
-        "scenes": len(facts),
-        "cells": list(facts.shape),
-        "hard": int(facts.is_hard.sum()),
-        "longest": float(facts.oracle_distance.max()),
+        track: {
+            name: {
+                "scenes": len(each),
+                "cells": list(each.shape),
+                "hard": int(each.is_hard.sum()),
+                "longest": float(each.oracle_distance.max()),
+            }
+            for name, each in some.items()
+        }
+        for track, some in facts.items()
     }
 
 

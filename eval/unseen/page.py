@@ -13,6 +13,7 @@ from eval.origin import commands_block, origin_text
 from eval.pictures import as_png
 from eval.unseen.page_sets import PAGE_SETS
 from eval.unseen.policy_results import is_point
+from eval.unseen.scene_scores import key_of
 from eval.unseen.set_tables import (
     NOTHING,
     clear_table,
@@ -71,7 +72,7 @@ def unseen_page(record: Mapping[str, Any], figures: str) -> str:
         map_minutes=minutes["map"],
         local_minutes=minutes["local"],
         left_out=_left_out_table(record["left_out"]),
-        origin=origin_text(record),
+        origin=f"{origin_text(record)}{_kept_text(record['entrants'])}",
     )
 
 
@@ -254,6 +255,19 @@ def _left_out_table(left_out: Sequence[Mapping[str, Any]]) -> str:
 
     rows = [(code(each["folder"]), text(each["reason"])) for each in left_out]
     return table(("folder", "why"), rows)
+
+
+def _kept_text(entrants: Sequence[Mapping[str, Any]]) -> str:
+    """Which rows were not played anew, if any, and from which commit they were scored."""
+    kept: dict[str, list[str]] = {}
+    for each in entrants:
+        if "scored_from" in each:
+            kept.setdefault(each["scored_from"] or "unknown", []).append(key_of(each))
+
+    return "".join(
+        f" Kept as they were, scored from commit {text(commit)}: {text('; '.join(names))}."
+        for commit, names in kept.items()
+    )
 
 
 def _ratio_cell(ratio: float | None) -> str:

@@ -1,12 +1,20 @@
-"""`estimated_anew`: the data of the page of unseen scenes, every interval from what is kept."""
+"""`estimated_anew`: the data of the page of unseen scenes, every interval from what is kept;
+`with_kept_rows`: rows of a page that is there.
+"""
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from agents.runs.pretrained import MODELS, Models
-from eval.unseen.scene_scores import SceneScores, means_over_seeds
+from eval.origin import merged
+from eval.unseen.scene_scores import SceneScores, key_of, means_over_seeds
+from irs_gym.files import read_file
 
-SCORES = "generalisation.npz"  # beside generalisation.json
+VERSION = 2
+RECORD = "generalisation.json"
+SCORES = "generalisation.npz"  # beside it
 DATA_BYTES = 2**24  # of generalisation.json
 
 
@@ -28,6 +36,90 @@ def estimated_anew(record: Mapping[str, Any], scores: SceneScores) -> dict[str, 
         "shipped": shipped(told, scores),
         "earlier": [{**each, "sets": means_over_seeds(each)} for each in record["earlier"]],
     }
+
+
+def read_record(file: Path) -> dict[str, Any]:
+    """The data of a page.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be read.
+    ValueError
+        Where it is damaged, or of another version of the page.
+    """
+    record = json.loads(read_file(file, DATA_BYTES))
+    if not isinstance(record, dict) or record.get("format_version") != VERSION:
+        raise ValueError(f"{str(file)!r} must be the data of a page of version {VERSION}")
+
+    return record
+
+
+def kept_rows(
+    page: Path, sets: Mapping[str, Any], is_anew: Callable[[Mapping[str, Any]], bool]
+) -> list[dict[str, Any]]:
+    """The rows of runs on the page in a folder but those that there are new ones for; each says
+    from which commit it was scored.
+
+    Parameters
+    ----------
+    page
+        The folder.
+    sets
+        What each track is scored on, as in the data of a page.
+    is_anew
+        Whether there is a new row in place of one.
+
+    Raises
+    ------
+    OSError
+        Where the page cannot be read.
+    ValueError
+        Where it is damaged, or its rows are of other scenes.
+    """
+    old = read_record(page / RECORD)
+    rows = [
+        {"scored_from": old["commit"], **each}
+        for each in old["entrants"]
+        if each["is_run"] and not is_anew(each)
+    ]
+
+    for each in rows:
+        if old["sets"][each["track"]] != sets[each["track"]]:
+            raise ValueError(
+                f"the row {key_of(each)!r} of {str(page)!r} cannot be kept: it is of other scenes "
+                f"of the {each['track']} track, of which as many are needed as it has"
+            )
+
+    return rows
+
+
+def with_kept_rows(
+    record: Mapping[str, Any], scores: SceneScores, page: Path
+) -> tuple[dict[str, Any], SceneScores]:
+    """A record and its scores with the rows of the page in a folder that it has no runs for, as
+    they are there; see `kept_rows`, also for what is raised.
+
+    A model of ``models/`` that is one of their seeds has no row of its own.
+    """
+    anew = {key_of(each) for each in record["entrants"] if each["is_run"]}
+    rows = kept_rows(page, record["sets"], lambda row: key_of(row) in anew)
+    models = {model for each in rows for model in each["models"]}
+    others = [
+        each
+        for each in record["entrants"]
+        if each["is_run"] or not each["models"] or not {*each["models"]} <= models
+    ]
+
+    old = read_record(page / RECORD)
+    origin = {
+        name: merged(old[name], record[name]) if rows else record[name]
+        for name in ("trained_with", "trained_from")
+    }
+    whole = {**record, "entrants": [*rows, *others], **origin}
+    spl = {**SceneScores.read(page / SCORES).of_entrants(rows), **scores.of_entrants(others)}
+
+    return whole, SceneScores(spl, scores.is_hard)
 
 
 def left_out_families(

@@ -114,6 +114,11 @@ class SceneScores:
         np.savez_compressed(content, **arrays)
         write_file(path, content.getvalue())
 
+    def of_entrants(self, entrants: Sequence[Mapping[str, Any]]) -> dict[str, Spl]:
+        """The part of `spl` that is of some entrants of a page."""
+        starts = tuple(f"{key_of(each)}/" for each in entrants)
+        return {key: each for key, each in self.spl.items() if key.startswith(starts)}
+
     def results(
         self, entrant: Mapping[str, Any], entrants: Sequence[Mapping[str, Any]]
     ) -> dict[str, Any]:

@@ -9,7 +9,6 @@ import torch
 from stable_baselines3 import PPO
 
 from agents.networks.map_network import TIE, first_of_best, plan_alone
-from agents.policies.explorer_policy import likeliest
 from agents.policies.replanning import Replanner
 from agents.rollout.episode import roll_out
 from agents.rollout.scene_set import play_scene_set
@@ -92,5 +91,3 @@ def test_blocked_cells_around_a_map_change_no_logit():
 def test_of_logits_as_good_as_equal_the_first_is_taken():
     logits = np.array([[0.0, 1.0, 1.0 + TIE / 2, 0.5], [0.0, 1.0, 1.0 + 2 * TIE, 0.5]])
     assert first_of_best(logits, axis=1).tolist() == [1, 2]
-    maps = torch.from_numpy(logits.astype(np.float32))[:, :, None, None]  # (2, 4, 1, 1)
-    assert likeliest(maps).ravel().tolist() == [1, 2]

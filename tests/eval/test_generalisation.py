@@ -40,7 +40,7 @@ from eval.unseen.page_sets import (
 )
 from eval.unseen.played import Trial, play_all
 from eval.unseen.policy_results import Policy, family_left_out, learned_on
-from eval.unseen.record import estimated_anew
+from eval.unseen.record import VERSION, estimated_anew
 from eval.unseen.scene_scores import (
     FAMILY_SETS,
     MEAN,
@@ -362,7 +362,8 @@ def test_earlier_runs_keep_their_intervals_until_there_are_new_ones(
         }
         for algorithm in ("planner", "vin")
     ]
-    (tmp_path / "generalisation.json").write_text(json.dumps({"earlier": earlier}))
+    before = {"format_version": VERSION, "earlier": earlier}
+    (tmp_path / "generalisation.json").write_text(json.dumps(before))
     few = ("--num-scenes", 1, "--local-scenes", 1)
     record = record_of(monkeypatch, runs, tmp_path, *few)
     (kept,) = record["earlier"]
@@ -373,6 +374,57 @@ def test_earlier_runs_keep_their_intervals_until_there_are_new_ones(
     assert "| the earlier vin | 3,000 | 3 | 0.6000<br>" in page
     again = record_of(monkeypatch, runs, tmp_path, *few)
     assert again["earlier"] == record["earlier"]
+
+
+def test_rows_are_kept_as_they_are_where_their_runs_are_gone(
+    monkeypatch, small, runs, tmp_path, capsys
+):
+    few = ("--num-scenes", 3, "--local-scenes", 2)
+    docs = tmp_path / "docs"
+    before = record_of(monkeypatch, runs, docs, *few)
+    scores = SceneScores.read(docs / "generalisation.npz")
+    gone = ("planner0", "planner1", "few", "margin", "no-maze0", "no-maze1", "explorer1")
+    for each in gone:
+        (runs / each).rename(tmp_path / each)
+    save(runs / "explorer1", ExplorerConfig(robots=4), 7)  # another one in its place
+    after = record_of(monkeypatch, runs, docs, *few, "--keep-rows")
+    names = [(each["name"], each["training_scenes"]) for each in before["entrants"]]
+    assert {*names} == {(each["name"], each["training_scenes"]) for each in after["entrants"]}
+    told = {(each["name"], each["training_scenes"]): each for each in after["entrants"]}
+    for each in before["entrants"]:
+        found = dict(told[each["name"], each["training_scenes"]])
+        is_kept = found.pop("scored_from", None) is not None
+        assert is_kept == (each["algorithm"] == "planner" or each["family"] == "maze")
+        if is_kept or not each["is_run"]:
+            assert found == each
+    assert told["explorer: imitation with memory", 3000]["models"] != next(
+        each["models"] for each in before["entrants"] if each["group"].startswith("explorer: imi")
+    )
+    now = SceneScores.read(docs / "generalisation.npz")
+    assert now.spl.keys() == scores.spl.keys()
+    for name in ("planning network, imitation, encoding mask, 3000 scenes/test",):
+        np.testing.assert_array_equal(now.spl[name], scores.spl[name])
+    page = (docs / "generalisation.md").read_text()
+    assert "Kept as they were, scored from commit " in page
+    assert after["left_out_families"] == before["left_out_families"]
+    again = record_of(monkeypatch, runs, docs, *few, "--keep-rows")
+    assert again["entrants"] == after["entrants"]
+
+    other = ("--num-scenes", 2, "--local-scenes", 2)
+    call(monkeypatch, "generalisation", runs, "--out", docs, *other, "--keep-rows")
+    assert "it is of other scenes of the " in capsys.readouterr().err
+    assert json.loads((docs / "generalisation.json").read_text()) == again  # nothing was written
+
+
+def test_a_page_whose_rows_are_to_be_kept_has_to_be_there_and_whole(
+    monkeypatch, small, runs, tmp_path, capsys
+):
+    given = ("generalisation", runs, "--out", tmp_path, "--keep-rows", "--num-scenes", 1)
+    assert call(monkeypatch, *given, "--local-scenes", 1) == 2
+    assert "generalisation.json" in capsys.readouterr().err
+    (tmp_path / "generalisation.json").write_text("[]")
+    assert call(monkeypatch, *given, "--local-scenes", 1) == 2
+    assert "must be the data of a page of version" in capsys.readouterr().err
 
 
 def counted(monkeypatch, pool=POOL):

@@ -23,7 +23,6 @@ LEAST_EXTRA = 51 / 1024
 MOST_EXTRA = 1.0
 """Whatever is learned, a cell not seen costs its length times 1 + something between these: what
 holds in some factories can do no more harm than that in others."""
-
 KNOWN_EXTRA = 0.125
 """A cell seen to be feasible costs its length times 1 + something between 0 and this: enough to
 choose among ways of nearly the same length."""
@@ -32,14 +31,14 @@ _PLANES = 8  # what the network sees of each cell
 _BLOCK = 2  # cells a side of the blocks that are one place each to the convolutions
 _DILATIONS = (1, 2, 4, 2, 1)  # in blocks, so that an answer depends on cells up to 23 away
 
-# What is read out before it has learned, in each cell of a block: a logit, and a caution of which
-# the prior follows.
+# What is read out before it has learned: a logit, the logarithm of a caution by which it makes the
+# prior, and a preference.
 _FIRST_LOGIT = 1.0
 _FIRST_CAUTION = (PRIOR - LEAST_EXTRA) / math.log1p(math.exp(-_FIRST_LOGIT))
-_FIRST_TASTE = -2.0
+_FIRST_PREFERENCE = -2.0
 _ANSWERS = 3  # for each cell
 _FIRST_ANSWER = torch.tensor(
-    [_FIRST_LOGIT, math.log(_FIRST_CAUTION), _FIRST_TASTE]
+    [_FIRST_LOGIT, math.log(_FIRST_CAUTION), _FIRST_PREFERENCE]
 ).repeat_interleave(_BLOCK**2)
 
 # But for learning, all numbers are whole multiples of such steps.
@@ -67,12 +66,13 @@ class Guess(NamedTuple):
 
 
 class ExplorerNetwork(nn.Module):
-    """Convolutions give each cell that was not seen a cost, and a dynamic programme finds the way.
+    """Convolutions give each cell a cost, and a dynamic programme finds the way.
 
-    A move costs its length in cells into a cell seen to be feasible, `BLOCKED` into another that
-    was seen, and its length times 1 + c into one that was not, where c between `LEAST_EXTRA` and
-    `MOST_EXTRA` is learned, and `PRIOR` to begin with. With c = 0 throughout it would be what
-    optimistic replanning computes: what is learned is how much to distrust the unknown, and where.
+    A move costs its length in cells times what the cell ahead does: `BLOCKED` where it was seen to
+    be infeasible, 1 and up to `KNOWN_EXTRA` where it was seen to be feasible, and 1 + c where it
+    was not seen, with c between `LEAST_EXTRA` and `MOST_EXTRA`, and `PRIOR` to begin with. With
+    nothing above 1 it would be what optimistic replanning computes. What is learned is how likely
+    unseen cells are to be feasible, how much to heed that, and which known cells to prefer.
 
     It sees nothing that tells one kind of factory from another: neither how large a map is or how
     far the goal, but in which direction, nor the IRS, but what it does to the margins.
@@ -86,6 +86,11 @@ class ExplorerNetwork(nn.Module):
     width
         Channels of the hidden layers.
     """
+
+    former_weights = {
+        "layers.6.weight": "it is an explorer of old, which saw each cell by itself: train it anew"
+    }
+    """As `agents.networks.planner.PlanningNetwork.former_weights`."""
 
     def __init__(self, width: int = 16) -> None:
         super().__init__()
@@ -156,12 +161,12 @@ class ExplorerNetwork(nn.Module):
             dim=-1,
         )  # (B, X, Y, 8)
         answers = self._guess(planes)  # (B, X, Y, 3)
-        feasible, log_caution, taste = answers.double().unbind(-1)
+        feasible, log_caution, preference = answers.double().unbind(-1)
 
         # A cell not seen costs the more the less likely it is, one that was a little more or less.
         surprise = softplus(-feasible)  # in nats, were it feasible
         unknown = (LEAST_EXTRA + log_caution.exp() * surprise).clamp(max=MOST_EXTRA)
-        extra = torch.where(is_known, KNOWN_EXTRA * taste.sigmoid(), unknown)
+        extra = torch.where(is_known, KNOWN_EXTRA * preference.sigmoid(), unknown)
         extra = extra if self.training else _in_steps(extra, _PRICE_STEPS, MOST_EXTRA)
         cost = (1.0 + extra.float()).masked_fill(is_blocked, BLOCKED)
 

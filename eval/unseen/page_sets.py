@@ -19,7 +19,15 @@ from irs_gym.radio.scene import AccessPoint, Obstacle, Room, Scene, load_scene
 Track = Literal["map", "local"]
 SCENES = 1000  # of a frozen set
 LARGE_SCENES = 20
-LOCAL_SCENES = {"ood-size": 200, "160x160": 5, "160x160-maze": 5}  # of large maps
+# Fewer in the local track, where every step costs a plan: of large maps, and of families, of which
+# there are many.
+LOCAL_SCENES = {
+    "ood-size": 400,
+    "ood-rooms": 250,
+    **{f"ood-{name}": 250 for name in FAMILIES},
+    "160x160": 5,
+    "160x160-maze": 5,
+}
 WALL_DETOURS = tuple(range(8, 161, 8))  # metres: of the ways around single walls
 _WALL_ROOM = (12.0, 80.0)  # metres, of a single wall
 _HEIGHT = 5.0  # metres, of that room and wall

@@ -11,7 +11,12 @@ import torch
 from tiny_pool import tiny_pool
 
 from agents.networks.explorer import LEAST_EXTRA, MOST_EXTRA, ExplorerNetwork, costs_of_moves
-from agents.networks.map_network import first_of_best
+from agents.networks.map_network import (
+    NetworkFileError,
+    first_of_best,
+    pack_network,
+    unpack_network,
+)
 from agents.networks.planner import dijkstra_search, value_iteration
 from agents.policies.explorer_policy import Explorer, decode_local
 
@@ -120,3 +125,10 @@ def test_a_robot_takes_the_first_of_the_best_moves_of_its_plan():
         assert actions.tolist() == best[np.arange(6), at].tolist()
         observation, _, terminated, truncated, _ = env.step(actions)
         begins = terminated | truncated
+
+
+def test_a_file_of_an_explorer_of_old_is_refused_in_words():
+    network = ExplorerNetwork(8)
+    network.layers.extend(torch.nn.Conv2d(8, 8, 3) for _ in range(2))
+    with pytest.raises(NetworkFileError, match="an explorer of old, which saw each cell by itself"):
+        unpack_network(pack_network("explorer", {"width": 8}, network))

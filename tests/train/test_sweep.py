@@ -14,6 +14,7 @@ import pytest
 import ray
 from tiny import TINY, call, curve, numbers
 
+from agents.learning.local_configs import ExplorerConfig
 from agents.registry import generalists, specialists
 from agents.runs.run_folder import LockedError, Run
 from irs_gym.datasets.splits import FAMILIES, all_but, members_of
@@ -417,7 +418,9 @@ def test_ppo_with_a_family_left_out_begins_with_what_imitation_has_found_without
     for config in after.configs():
         first = found[config.agent.weights]
         assert (first.seed, first.env) == (config.seed, config.env)
-        assert config.agent == replace(like, weights=config.agent.weights)
+        steps = like.total_timesteps // 3  # as the page says
+        assert config.agent == replace(like, weights=config.agent.weights, total_timesteps=steps)
+        assert first.agent == ExplorerConfig(total_timesteps=ExplorerConfig().total_timesteps // 3)
 
 
 @pytest.mark.parametrize(

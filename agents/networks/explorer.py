@@ -36,6 +36,7 @@ _DILATIONS = (1, 2, 4, 2, 1)  # in blocks, so that an answer depends on cells up
 _FIRST_LOGIT = 1.0
 _FIRST_CAUTION = (PRIOR - LEAST_EXTRA) / math.log1p(math.exp(-_FIRST_LOGIT))
 _FIRST_PREFERENCE = -2.0
+_MOST_LOG_CAUTION = 20.0  # keeps its exponential finite
 _ANSWERS = 3  # for each cell
 _FIRST_ANSWER = torch.tensor(
     [_FIRST_LOGIT, math.log(_FIRST_CAUTION), _FIRST_PREFERENCE]
@@ -165,7 +166,8 @@ class ExplorerNetwork(nn.Module):
 
         # A cell not seen costs the more the less likely it is, one that was a little more or less.
         surprise = softplus(-feasible)  # in nats, were it feasible
-        unknown = (LEAST_EXTRA + log_caution.exp() * surprise).clamp(max=MOST_EXTRA)
+        caution = log_caution.clamp(max=_MOST_LOG_CAUTION).exp()
+        unknown = (LEAST_EXTRA + caution * surprise).clamp(max=MOST_EXTRA)
         extra = torch.where(is_known, KNOWN_EXTRA * preference.sigmoid(), unknown)
         extra = extra if self.training else _in_steps(extra, _PRICE_STEPS, MOST_EXTRA)
         cost = (1.0 + extra.float()).masked_fill(is_blocked, BLOCKED)

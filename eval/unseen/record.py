@@ -102,8 +102,12 @@ def with_kept_rows(
 
     A model of ``models/`` that is one of their seeds has no row of its own.
     """
-    anew = {key_of(each) for each in record["entrants"] if each["is_run"]}
-    rows = kept_rows(page, record["sets"], lambda row: key_of(row) in anew)
+    runs = [each for each in record["entrants"] if each["is_run"]]
+    anew = {key_of(each) for each in runs}
+    played = {model for each in runs for model in each["models"]}  # by whatever name
+    rows = kept_rows(
+        page, record["sets"], lambda row: key_of(row) in anew or {*row["models"]} <= played
+    )
     models = {model for each in rows for model in each["models"]}
     others = [
         each

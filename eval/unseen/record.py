@@ -9,6 +9,7 @@ from typing import Any
 
 from agents.runs.pretrained import MODELS, Models
 from eval.origin import merged
+from eval.unseen.policy_results import is_point
 from eval.unseen.scene_scores import SceneScores, key_of, means_over_seeds
 from irs_gym.files import read_file
 
@@ -100,7 +101,8 @@ def with_kept_rows(
     """A record and its scores with the rows of the page in a folder that it has no runs for, as
     they are there; see `kept_rows`, also for what is raised.
 
-    A model of ``models/`` that is one of their seeds has no row of its own.
+    A model of ``models/`` that is one of their seeds, and was played on all sets, has no row of its
+    own.
     """
     runs = [each for each in record["entrants"] if each["is_run"]]
     anew = {key_of(each) for each in runs}
@@ -108,7 +110,12 @@ def with_kept_rows(
     rows = kept_rows(
         page, record["sets"], lambda row: key_of(row) in anew or {*row["models"]} <= played
     )
-    models = {model for each in rows for model in each["models"]}
+    models = {
+        model
+        for each in rows
+        if not is_point(each["algorithm"], each["split"], each["training_scenes"])
+        for model in each["models"]
+    }
     others = [
         each
         for each in record["entrants"]

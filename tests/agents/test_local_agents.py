@@ -437,7 +437,9 @@ def trap() -> SceneSet:
     return SceneSet((), ("trap",), np.array([-1.0]), gain_db, to_go, irs, start, goal, 0.5)
 
 
-def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
+def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end(monkeypatch):
+    """From what the unknown costs; with preferences as well, 12,000 steps are not enough."""
+    monkeypatch.setattr("agents.networks.explorer.KNOWN_EXTRA", 0.0)
     pool = trap()
     config = ExplorerPpoConfig(
         robots=16,

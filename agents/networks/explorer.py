@@ -124,8 +124,8 @@ class ExplorerNetwork(nn.Module):
         return Guess(self.plan(prices.cost, prices.is_goal), prices.feasible)
 
     def tempered(self, share: float) -> "ExplorerNetwork":
-        """A copy whose prices lie between those before it has learned, at a share of 0, and its
-        own, at 1.
+        """A copy that reads out what lies between its answers before it has learned, at a share of
+        0, and its own, at 1.
         """
         other = deepcopy(self)
         assert other.read_out.bias is not None

@@ -106,9 +106,10 @@ def main(
             track: {name: facts[name, scenes_of(name, track, size)] for name in PAGE_SETS}
             for track, size in sizes.items()
         }
-        if keep_rows:  # told before anything is played
+        if keep_rows:  # what cannot be kept is told before anything is played
+            before = read_record(out / RECORD), SceneScores.read(out / SCORES)
             algorithms = {run.config.algorithm for run in runs}
-            kept_rows(out, _sets_record(shown), lambda row: row["algorithm"] in algorithms)
+            kept_rows(before[0], _sets_record(shown), lambda row: row["algorithm"] in algorithms)
 
         policies = policies_of(runs)
         trials = [each for policy in policies for each in policy.trials(sizes, facts).values()]
@@ -124,7 +125,7 @@ def main(
         record["commands"] = [*(trained_by or "").split("; "), *commands_of("generalisation", None)]
         record["playing"] = playing_seconds(policies, found)
         if keep_rows:
-            record, scores = with_kept_rows(record, scores, out)
+            record, scores = with_kept_rows(record, scores, *before)
         record["earlier"] = earlier_of(out / RECORD, record)
         record = estimated_anew(record, scores)
         figures = {

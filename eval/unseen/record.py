@@ -57,15 +57,17 @@ def read_record(file: Path) -> dict[str, Any]:
 
 
 def kept_rows(
-    page: Path, sets: Mapping[str, Any], is_anew: Callable[[Mapping[str, Any]], bool]
+    old: Mapping[str, Any],
+    sets: Mapping[str, Any],
+    is_anew: Callable[[Mapping[str, Any]], bool],
 ) -> list[dict[str, Any]]:
-    """The rows of runs on the page in a folder but those that there are new ones for; each says
-    from which commit it was scored.
+    """The rows of runs in the data of a page but those that there are new ones for; each says from
+    which commit it was scored.
 
     Parameters
     ----------
-    page
-        The folder.
+    old
+        The data.
     sets
         What each track is scored on, as in the data of a page.
     is_anew
@@ -73,12 +75,9 @@ def kept_rows(
 
     Raises
     ------
-    OSError
-        Where the page cannot be read.
     ValueError
-        Where it is damaged, or its rows are of other scenes.
+        Where they are of other scenes.
     """
-    old = read_record(page / RECORD)
     rows = [
         {"scored_from": old["commit"], **each}
         for each in old["entrants"]
@@ -88,18 +87,21 @@ def kept_rows(
     for each in rows:
         if old["sets"][each["track"]] != sets[each["track"]]:
             raise ValueError(
-                f"the row {key_of(each)!r} of {str(page)!r} cannot be kept: it is of other scenes "
-                f"of the {each['track']} track, of which as many are needed as it has"
+                f"the row {key_of(each)!r} cannot be kept: it is of other scenes of the "
+                f"{each['track']} track, of which as many are needed as it has"
             )
 
     return rows
 
 
 def with_kept_rows(
-    record: Mapping[str, Any], scores: SceneScores, page: Path
+    record: Mapping[str, Any],
+    scores: SceneScores,
+    old: Mapping[str, Any],
+    old_scores: SceneScores,
 ) -> tuple[dict[str, Any], SceneScores]:
-    """A record and its scores with the rows of the page in a folder that it has no runs for, as
-    they are there; see `kept_rows`, also for what is raised.
+    """A record and its scores with the rows of another that it has no runs for, as they are there;
+    see `kept_rows`, also for what is raised.
 
     A model of ``models/`` that is one of their seeds, and was played on all sets, has no row of its
     own.
@@ -108,7 +110,7 @@ def with_kept_rows(
     anew = {key_of(each) for each in runs}
     played = {model for each in runs for model in each["models"]}  # by whatever name
     rows = kept_rows(
-        page, record["sets"], lambda row: key_of(row) in anew or {*row["models"]} <= played
+        old, record["sets"], lambda row: key_of(row) in anew or {*row["models"]} <= played
     )
     models = {
         model
@@ -122,13 +124,12 @@ def with_kept_rows(
         if each["is_run"] or not each["models"] or not {*each["models"]} <= models
     ]
 
-    old = read_record(page / RECORD)
     origin = {
         name: merged(old[name], record[name]) if rows else record[name]
         for name in ("trained_with", "trained_from")
     }
     whole = {**record, "entrants": [*rows, *others], **origin}
-    spl = {**SceneScores.read(page / SCORES).of_entrants(rows), **scores.of_entrants(others)}
+    spl = {**old_scores.of_entrants(rows), **scores.of_entrants(others)}
 
     return whole, SceneScores(spl, scores.is_hard)
 

@@ -402,8 +402,8 @@ def test_rows_are_kept_as_they_are_where_their_runs_are_gone(
     )
     now = SceneScores.read(docs / "generalisation.npz")
     assert now.spl.keys() == scores.spl.keys()
-    for name in ("planning network, imitation, encoding mask, 3000 scenes/test",):
-        np.testing.assert_array_equal(now.spl[name], scores.spl[name])
+    name = "planning network, imitation, encoding mask, 3000 scenes/test"
+    np.testing.assert_array_equal(now.spl[name], scores.spl[name])
     page = (docs / "generalisation.md").read_text()
     assert "Kept as they were, scored from commit " in page
     assert after["left_out_families"] == before["left_out_families"]

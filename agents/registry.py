@@ -110,8 +110,9 @@ _SWITCHING_DQN: dict[str, Any] = {
     "exploration_final_eps": 0.3,
 }
 
-# What lies in the unseen part of a scene is learned from many.
-_MANY_SCENES: dict[str, Any] = {"num_scenes": 8000}
+# What lies in the unseen part of a scene is learned from many, and which state was the best is told
+# by many.
+_MANY_SCENES: dict[str, Any] = {"num_scenes": 8000, "test_scenes": 500}
 
 # Where the robot goes anywhere, no path of a network is as short as the oracle's to the last digit.
 _NEVER_EXACT = {"stop_at_optimum": False}
@@ -281,7 +282,7 @@ ALGORITHMS: dict[str, Row] = {
         learner="agents.learning.dagger:Dagger",
         network="agents.networks.explorer:ExplorerNetwork",
         env=_MANY_SCENES,
-        training=_tested_every(64_000),
+        training=_tested_every(128_000),
     ),
     "explorer_ppo": Row(
         title="explorer: PPO with memory",
@@ -290,7 +291,7 @@ ALGORITHMS: dict[str, Row] = {
         learner="agents.learning.explorer_ppo:ExplorerPpo",
         network="agents.networks.explorer:ExplorerNetwork",
         env=_MANY_SCENES,
-        training=_tested_every(32_000),
+        training=_tested_every(48_000),
     ),
     "local_ppo": Row(
         title="PPO (SB3)",

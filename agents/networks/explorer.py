@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import pad, softplus
+from torch.nn.functional import conv2d, pad, pixel_shuffle, pixel_unshuffle, softplus
 
 from agents.networks.map_network import MapPlan
 from agents.networks.planner import neighbours, plan
@@ -38,15 +38,14 @@ _FIRST_CAUTION = (PRIOR - LEAST_EXTRA) / math.log1p(math.exp(-_FIRST_LOGIT))
 _FIRST_PREFERENCE = -2.0
 _MOST_LOG_CAUTION = 20.0  # keeps its exponential finite
 _ANSWERS = 3  # for each cell
-_FIRST_ANSWER = torch.tensor(
-    [_FIRST_LOGIT, math.log(_FIRST_CAUTION), _FIRST_PREFERENCE]
-).repeat_interleave(_BLOCK**2)
+_FIRST_ANSWER = torch.tensor([_FIRST_LOGIT, math.log(_FIRST_CAUTION), _FIRST_PREFERENCE])
 
 # But for learning, all numbers are whole multiples of such steps.
-_VALUE_STEPS = 32  # in 1
-_LARGEST_VALUE = 8.0
-_WEIGHT_STEPS = 256
-_LARGEST_WEIGHT = 1.0
+_VALUE_STEPS = 128  # in 1
+_LARGEST_VALUE = 16.0
+_WEIGHT_STEPS = 512.0
+_LARGEST_WEIGHT = 8.0
+_LARGEST_BIAS = 8.0
 _PRICE_STEPS = 1024
 _EXACT = 2.0**24  # up to so many steps a sum is exact in single precision, in whatever order
 
@@ -88,9 +87,10 @@ class ExplorerNetwork(nn.Module):
         Channels of the hidden layers.
     """
 
-    former_weights = {
-        "layers.6.weight": "it is an explorer of old, which saw each cell by itself: train it anew"
-    }
+    former_weights = dict.fromkeys(
+        ("layers.6.weight", "read_out.weight"),
+        "it is an explorer of old, with another network: train it anew",
+    )
     """As `agents.networks.planner.PlanningNetwork.former_weights`."""
 
     def __init__(self, width: int = 16) -> None:
@@ -99,13 +99,13 @@ class ExplorerNetwork(nn.Module):
         self.layers = nn.ModuleList(
             nn.Conv2d(width, width, 3, padding=step, dilation=step) for step in _DILATIONS
         )
-        self.read_out = nn.Conv2d(width, _ANSWERS * _BLOCK**2, 1)
+        self.answer = nn.Conv2d(width + _PLANES, _ANSWERS, 3, padding=1)
 
         # It begins near optimism: every cell is as likely to be feasible, and costs a little more.
-        assert self.read_out.bias is not None  # as it is asked for above
-        nn.init.zeros_(self.read_out.weight)
+        assert self.answer.bias is not None  # as it is asked for above
+        nn.init.zeros_(self.answer.weight)
         with torch.no_grad():
-            self.read_out.bias.copy_(_FIRST_ANSWER)
+            self.answer.bias.copy_(_FIRST_ANSWER)
 
         # Sharp from the start: otherwise prices rise for no more than to make draws surer.
         self.log_beta = nn.Parameter(torch.tensor(2.0))
@@ -128,10 +128,10 @@ class ExplorerNetwork(nn.Module):
         0, and its own, at 1.
         """
         other = deepcopy(self)
-        assert other.read_out.bias is not None
+        assert other.answer.bias is not None
         with torch.no_grad():
-            other.read_out.weight *= share
-            other.read_out.bias.lerp_(_FIRST_ANSWER, 1.0 - share)
+            other.answer.weight *= share
+            other.answer.bias.lerp_(_FIRST_ANSWER, 1.0 - share)
 
         return other
 
@@ -159,10 +159,10 @@ class ExplorerNetwork(nn.Module):
                 torch.ones_like(is_known),
                 *_directions(goals, (columns, rows)),
             ],
-            dim=-1,
-        )  # (B, X, Y, 8)
-        answers = self._guess(planes)  # (B, X, Y, 3)
-        feasible, log_caution, preference = answers.double().unbind(-1)
+            dim=1,
+        )  # (B, 8, X, Y)
+        answers = self._guess(planes)  # (B, 3, X, Y)
+        feasible, log_caution, preference = answers.double().unbind(1)
 
         # A cell not seen costs the more the less likely it is, one that was a little more or less.
         surprise = softplus(-feasible)  # in nats, were it feasible
@@ -172,46 +172,53 @@ class ExplorerNetwork(nn.Module):
         extra = extra if self.training else _in_steps(extra, _PRICE_STEPS, MOST_EXTRA)
         cost = (1.0 + extra.float()).masked_fill(is_blocked, BLOCKED)
 
-        return Prices(cost, is_goal, answers[..., 0])
+        return Prices(cost, is_goal, answers[:, 0])
 
     def _rounded(self, values: Tensor) -> Tensor:
         return values if self.training else _in_steps(values, _VALUE_STEPS, _LARGEST_VALUE)
 
-    def _convolve(self, layer: nn.Module, values: Tensor) -> Tensor:
-        """A convolution; but for learning, an exact one of rounded values."""
-        assert isinstance(layer, nn.Conv2d)
-        assert layer.bias is not None  # as no layer is without one
-        if self.training:
-            found: Tensor = layer(values)
-            return found
+    def _convolve(
+        self, values: Tensor, weight: Tensor, bias: Tensor | None, dilation: tuple[int, ...] = (1, 1)
+    ) -> Tensor:
+        """A convolution of 3 x 3 places; but for learning, an exact one of rounded values."""
+        assert bias is not None  # as no layer is without one
+        if not self.training:
+            weight, bias = _exact(weight, bias)
 
-        # Wide layers, of more products to add up, have fewer steps.
-        most = (layer.weight[0].numel() + 1) * _LARGEST_VALUE * _VALUE_STEPS * _LARGEST_WEIGHT
-        steps = min(_WEIGHT_STEPS, 2.0 ** math.floor(math.log2(_EXACT / most)))
-        weight = _in_steps(layer.weight, steps, _LARGEST_WEIGHT)
-        bias = _in_steps(layer.bias, steps * _VALUE_STEPS, _LARGEST_VALUE)
-
-        exact: Tensor = layer._conv_forward(values, weight, bias)
-        return exact
+        return conv2d(values, weight, bias, padding=dilation, dilation=dilation)
 
     def _guess(self, planes: Tensor) -> Tensor:
-        """What the convolutions say of each cell, ``(B, X, Y, 3)``, of planes ``(B, X, Y, 8)``."""
-        batch, columns, rows, _ = planes.shape
-        whole = pad(planes, (0, 0, 0, -rows % _BLOCK, 0, -columns % _BLOCK))
-        across, along = (size // _BLOCK for size in whole.shape[1:3])
-        blocks = whole.view(batch, across, _BLOCK, along, _BLOCK, -1).transpose(2, 3).flatten(3)
+        """What the convolutions say of each cell, ``(B, 3, X, Y)``, of planes ``(B, 8, X, Y)``."""
+        columns, rows = planes.shape[2:]
+        whole = pad(planes, (0, -rows % _BLOCK, 0, -columns % _BLOCK))
 
         # Channels lie side by side in memory, which takes a third of the time.
-        found = self._rounded(blocks.movedim(-1, 1))
-        found = self._rounded(self._convolve(self.first, found).relu())
+        blocks = self._rounded(pixel_unshuffle(whole, _BLOCK))  # (B, 32, X / 2, Y / 2)
+        blocks = blocks.contiguous(memory_format=torch.channels_last)
+        found = self._rounded(self._convolve(blocks, self.first.weight, self.first.bias).relu())
         for layer in self.layers:
-            found = self._rounded(found + self._convolve(layer, found).relu())
-        answer = self._convolve(self.read_out, found)  # (B, 12, X / 2, Y / 2)
+            assert isinstance(layer, nn.Conv2d)
+            change = self._convolve(found, layer.weight, layer.bias, layer.dilation)
+            found = self._rounded(found + change.relu())
 
-        cells = answer.view(batch, _ANSWERS, _BLOCK, _BLOCK, across, along)
-        cells = cells.permute(0, 4, 2, 5, 3, 1).reshape(*whole.shape[:3], _ANSWERS)
+        # All cells are read out alike, so that none costs less for its place in a block.
+        weight = self.answer.weight  # (3, width + 8, 3, 3), for cells
+        in_block, in_cell = weight.split([len(found[0]), _PLANES], dim=1)
+        by_block = _of_blocks(in_block).unflatten(1, (-1, _BLOCK**2)).sum(dim=2)
+        kernel = torch.cat([by_block, _of_blocks(in_cell)], dim=1)  # (12, width + 32, 3, 3)
+        bias = self.answer.bias.repeat_interleave(_BLOCK**2)
+        answers = self._convolve(torch.cat([found, blocks], dim=1), kernel, bias)
 
-        return cells[:, :columns, :rows]
+        return pixel_shuffle(answers, _BLOCK)[..., :columns, :rows]
+
+
+def _of_blocks(kernel: Tensor) -> Tensor:
+    """The kernel ``(4 O, 4 C, 3, 3)`` that does to blocks what one of ``(O, C, 3, 3)`` does to
+    cells.
+    """
+    each = [pad(kernel, (1 + j, 2 - j, 1 + i, 2 - i)) for i in range(2) for j in range(2)]
+    cells = torch.stack(each, dim=1).flatten(0, 1)  # (4 O, C, 6, 6), around each cell of a block
+    return pixel_unshuffle(cells, _BLOCK)
 
 
 def _directions(goals: Tensor, shape: tuple[int, int]) -> tuple[Tensor, Tensor]:
@@ -225,6 +232,19 @@ def _directions(goals: Tensor, shape: tuple[int, int]) -> tuple[Tensor, Tensor]:
     length = (along_x.square() + along_y.square()).sqrt().clamp(min=1.0)
 
     return along_x / length, along_y / length
+
+
+def _exact(weight: Tensor, bias: Tensor) -> tuple[Tensor, Tensor]:
+    """A kernel ``(O, C, 3, 3)`` and its bias, rounded so that no sum of rounded values is: the
+    larger they are, the coarser.
+    """
+    steps = _WEIGHT_STEPS
+    while True:
+        rounded = _in_steps(weight, steps, _LARGEST_WEIGHT)
+        most = rounded.abs().flatten(1).sum(dim=1) * _LARGEST_VALUE + _LARGEST_BIAS
+        if most.max() * _VALUE_STEPS * steps <= _EXACT:
+            return rounded, _in_steps(bias, steps * _VALUE_STEPS, _LARGEST_BIAS)
+        steps /= 2
 
 
 def _in_steps(values: Tensor, steps: float, largest: float) -> Tensor:

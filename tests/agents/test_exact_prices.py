@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 import torch
 from tiny_pool import tiny_pool
+from torch.nn.functional import conv2d, pixel_shuffle, pixel_unshuffle
 
-from agents.networks.explorer import LEAST_EXTRA, MOST_EXTRA, ExplorerNetwork, costs_of_moves
+from agents.networks.explorer import (
+    LEAST_EXTRA,
+    MOST_EXTRA,
+    ExplorerNetwork,
+    _of_blocks,
+    costs_of_moves,
+)
 from agents.networks.map_network import (
     NetworkFileError,
     first_of_best,
@@ -64,13 +71,36 @@ def test_prices_are_exact_in_any_batch_and_precision(width, shape):
 def test_rounded_prices_are_near_those_that_were_learned():
     torch.manual_seed(0)
     network = ExplorerNetwork()
-    torch.nn.init.normal_(network.read_out.weight, std=0.1)
+    torch.nn.init.normal_(network.answer.weight, std=0.1)
     margin, goals = seen_in_part(8, (40, 40))
     with torch.inference_mode():
         exact = network.eval().prices(margin, goals).cost
         learned_ = network.train().prices(margin, goals).cost
     assert not torch.equal(exact, learned_)
     np.testing.assert_allclose(exact, learned_, atol=0.05)
+
+
+def test_a_kernel_of_blocks_does_what_that_of_cells_does():
+    """A checkerboard of prices, which makes diagonal moves cheap, cannot be learned."""
+    rng = torch.Generator().manual_seed(0)
+    kernel = torch.randn((3, 5, 3, 3), generator=rng)
+    cells = torch.randn((2, 5, 12, 8), generator=rng)
+    expected = conv2d(cells, kernel, padding=1)
+    found = conv2d(pixel_unshuffle(cells, 2), _of_blocks(kernel), padding=1)
+    torch.testing.assert_close(pixel_shuffle(found, 2), expected)
+
+
+def test_where_nothing_was_seen_no_cell_costs_less_for_its_place_in_a_block():
+    network = learned(16)
+    with torch.no_grad():
+        network.first.weight.view(16, 8, 4, 3, 3)[:, 6:] = 0.0  # the direction of the goal
+        network.answer.weight[:, -2:] = 0.0
+    margin = torch.full((1, 120, 120), torch.nan)
+    with torch.inference_mode():
+        cost = network.prices(margin, torch.tensor([0])).cost[0]
+    inner = cost[52:68, 52:68]  # as far from the border and the goal as it can see
+    assert (inner == inner[0, 0]).all()
+    assert not (cost == inner[0, 0]).all()
 
 
 def test_cells_around_a_map_change_no_price():
@@ -129,6 +159,6 @@ def test_a_robot_takes_the_first_of_the_best_moves_of_its_plan():
 
 def test_a_file_of_an_explorer_of_old_is_refused_in_words():
     network = ExplorerNetwork(8)
-    network.layers.extend(torch.nn.Conv2d(8, 8, 3) for _ in range(2))
-    with pytest.raises(NetworkFileError, match="an explorer of old, which saw each cell by itself"):
+    network.read_out = torch.nn.Conv2d(8, 12, 1)
+    with pytest.raises(NetworkFileError, match="an explorer of old"):
         unpack_network(pack_network("explorer", {"width": 8}, network))

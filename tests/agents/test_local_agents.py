@@ -49,9 +49,9 @@ def explorer(seed=0, shape=(9, 7), optimistic=False) -> Explorer:
     network = ExplorerNetwork(width=8)
     if optimistic:
         with torch.no_grad():
-            network.read_out.weight.zero_()
-            network.read_out.bias[:4] = 100.0  # all cells cost as little as they may
-            network.read_out.bias[8:] = -100.0
+            network.answer.weight.zero_()
+            network.answer.bias[0] = 100.0  # all cells cost as little as they may
+            network.answer.bias[2] = -100.0
     return Explorer({"width": 8}, network, shape)
 
 
@@ -129,7 +129,7 @@ def test_prices_begin_at_the_prior_and_stay_in_their_bounds():
     margin[0, 3, 4] = -0.5
     for bias, expected in ((1.0, PRIOR), (1e3, LEAST_EXTRA), (-1e3, MOST_EXTRA)):
         with torch.no_grad():
-            network.read_out.bias[:4] = bias
+            network.answer.bias[0] = bias
             cost = network.prices(margin, torch.tensor([0])).cost
         np.testing.assert_allclose(cost[margin.isnan()], 1.0 + expected, rtol=1e-6)
         np.testing.assert_allclose(cost[margin >= 0], 1.0 + KNOWN_EXTRA * 0.12, atol=1e-3)
@@ -139,8 +139,8 @@ def test_prices_begin_at_the_prior_and_stay_in_their_bounds():
 def test_what_is_acted_on_lies_between_the_prior_and_what_was_learned():
     network = explorer().network
     with torch.no_grad():
-        network.read_out.weight.normal_(generator=torch.Generator().manual_seed(0))
-        network.read_out.bias.fill_(0.7)
+        network.answer.weight.normal_(generator=torch.Generator().manual_seed(0))
+        network.answer.bias.fill_(0.7)
     margin = torch.full((1, 9, 7), torch.nan)
     margin[0, 2:5, 2:5] = 0.5
     goal = torch.tensor([0])
@@ -167,8 +167,8 @@ def test_a_learner_acts_on_the_share_that_it_trusts():
     config = ExplorerConfig(robots=4, total_timesteps=64, trust=0.25, width=8)
     learner = MapLearner(config, POOL, seed=0)
     with torch.no_grad():
-        learner.teacher.network.read_out.bias[:4] = 2.0
-    assert learner.policy.network.read_out.bias[:4].tolist() == [1.25] * 4
+        learner.teacher.network.answer.bias[0] = 2.0
+    assert learner.policy.network.answer.bias[0] == 1.25
 
 
 def test_optimistic_explorer_walks_as_far_as_optimistic_replanning_does_where_nothing_ties(
@@ -437,17 +437,15 @@ def trap() -> SceneSet:
     return SceneSet((), ("trap",), np.array([-1.0]), gain_db, to_go, irs, start, goal, 0.5)
 
 
-def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end(monkeypatch):
-    """From what the unknown costs; with preferences as well, 12,000 steps are not enough."""
-    monkeypatch.setattr("agents.networks.explorer.KNOWN_EXTRA", 0.0)
+def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
     pool = trap()
     config = ExplorerPpoConfig(
         robots=16,
         n_plans=4,
         patch_radius=2,
         random_start=0.7,
-        total_timesteps=8_000,
-        learning_rate=4e-3,
+        total_timesteps=16_000,
+        learning_rate=1e-3,
     )
     torch.manual_seed(0)
     teacher, taken = ExplorerPpo(config, first_network(config), np.random.default_rng(0)), 0
@@ -456,12 +454,12 @@ def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end(monkeypatch):
     def episode():
         return roll_out(Explorer(network_settings(config), teacher.network, pool.shape), env)
 
-    assert episode().ratio > 1.2
+    assert episode().ratio > 1.8
     teacher.network.train()
     while taken < config.total_timesteps:
         steps, _ = teacher.update(pool, taken / config.total_timesteps)
         taken += steps
-    assert episode().ratio == pytest.approx(1.0)
+    assert episode().ratio < 1.1
 
 
 @pytest.mark.parametrize(

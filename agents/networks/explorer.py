@@ -178,7 +178,11 @@ class ExplorerNetwork(nn.Module):
         return values if self.training else _in_steps(values, _VALUE_STEPS, _LARGEST_VALUE)
 
     def _convolve(
-        self, values: Tensor, weight: Tensor, bias: Tensor | None, dilation: tuple[int, ...] = (1, 1)
+        self,
+        values: Tensor,
+        weight: Tensor,
+        bias: Tensor | None,
+        dilation: tuple[int, ...] = (1, 1),
     ) -> Tensor:
         """A convolution of 3 x 3 places; but for learning, an exact one of rounded values."""
         assert bias is not None  # as no layer is without one
@@ -202,12 +206,15 @@ class ExplorerNetwork(nn.Module):
             found = self._rounded(found + change.relu())
 
         # All cells are read out alike, so that none costs less for its place in a block.
-        weight = self.answer.weight  # (3, width + 8, 3, 3), for cells
-        in_block, in_cell = weight.split([len(found[0]), _PLANES], dim=1)
-        by_block = _of_blocks(in_block).unflatten(1, (-1, _BLOCK**2)).sum(dim=2)
-        kernel = torch.cat([by_block, _of_blocks(in_cell)], dim=1)  # (12, width + 32, 3, 3)
-        bias = self.answer.bias.repeat_interleave(_BLOCK**2)
-        answers = self._convolve(torch.cat([found, blocks], dim=1), kernel, bias)
+        weight, bias = self.answer.weight, self.answer.bias  # (3, width + 8, 3, 3), for cells
+        assert bias is not None
+        each = _of_blocks(weight[:, :-_PLANES])  # for each cell of a block, which all are alike
+        alike = each.view(len(each), -1, _BLOCK**2, 3, 3).sum(dim=2)
+        kernel = torch.cat(
+            [alike, _of_blocks(weight[:, -_PLANES:])], dim=1
+        )  # (12, width + 32, 3, 3)
+        seen = torch.cat([found, blocks], dim=1)
+        answers = self._convolve(seen, kernel, bias.repeat_interleave(_BLOCK**2))
 
         return pixel_shuffle(answers, _BLOCK)[..., :columns, :rows]
 

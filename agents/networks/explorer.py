@@ -77,6 +77,9 @@ class ExplorerNetwork(nn.Module):
     It sees nothing that tells one kind of factory from another: neither how large a map is or how
     far the goal, but in which direction, nor the IRS, but what it does to the margins.
 
+    Its places are blocks of cells, but all cells of a block are read out alike: otherwise it would
+    learn checkerboards of prices, in which diagonal moves cost less than straight ones.
+
     Once it has learned (``eval()``), what convolutions multiply and add up are whole numbers of
     steps so few that no sum is rounded. So prices are the same to the last digit in any batch and
     on any machine.

@@ -63,6 +63,7 @@ def main(
     kept: Path | None = None,
     trained_by: str | None = None,
     keep_rows: bool = False,
+    drop_rows: tuple[str, ...] = (),
 ) -> int:
     """Write generalisation.md, its data and its figures from all runs over many scenes below a
     folder, and from the models that come with the package.
@@ -89,6 +90,8 @@ def main(
     keep_rows
         Keep the rows of the page in --out that no run below the folder is of. They must be of the
         same scenes.
+    drop_rows
+        Names of rows that are not kept all the same, such as those of a network of old.
     """
     try:
         if min(num_scenes, local_scenes, jobs) < 1:
@@ -108,6 +111,7 @@ def main(
         }
         if keep_rows:  # what cannot be kept is told before anything is played
             before = read_record(out / RECORD), SceneScores.read(out / SCORES)
+            _drop(before[0], drop_rows)
             algorithms = {run.config.algorithm for run in runs}
             kept_rows(before[0], _sets_record(shown), lambda row: row["algorithm"] in algorithms)
 
@@ -143,6 +147,16 @@ def main(
     print(f"{played} runs, {len(left_out)} left out; written: {out / 'generalisation.md'}")
 
     return 0
+
+
+def _drop(record: dict[str, Any], names: tuple[str, ...]) -> None:
+    """Take rows of these names out of the data of a page; a ``ValueError`` where there is none."""
+    there = [each["name"] for each in record["entrants"] if each["is_run"]]
+    for name in names:
+        if name not in there:
+            raise ValueError(f"drop_rows: {name!r} must be one of the rows of runs {there}")
+
+    record["entrants"] = [each for each in record["entrants"] if each["name"] not in names]
 
 
 def facts_of(sizes: Mapping[Track, int]) -> dict[tuple[str, int], SetFacts]:

@@ -415,6 +415,15 @@ def test_rows_are_kept_as_they_are_where_their_runs_are_gone(
     assert "it is of other scenes of the " in capsys.readouterr().err
     assert json.loads((docs / "generalisation.json").read_text()) == again  # nothing was written
 
+    call(
+        monkeypatch, "generalisation", runs, "--out", docs, *few, "--keep-rows", "--drop-rows", "U"
+    )
+    assert "drop_rows: 'U' must be one of the rows of runs [" in capsys.readouterr().err
+    margin = "planning network, imitation, encoding margin"
+    without = record_of(monkeypatch, runs, docs, *few, "--keep-rows", "--drop-rows", margin)
+    assert [each for each in again["entrants"] if each["name"] != margin] == without["entrants"]
+    assert len(without["entrants"]) < len(again["entrants"])
+
 
 def test_a_page_whose_rows_are_to_be_kept_has_to_be_there_and_whole(
     monkeypatch, small, runs, tmp_path, capsys

@@ -4,6 +4,7 @@ PNG.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +17,7 @@ from eval.scoreboard.overlay import BROAD, RIM, draw_ends, draw_feasible_map
 from irs_gym.mdp.task import World
 
 COLUMNS = 4
+_TITLE_LETTERS = 36  # in a line: as wide as a picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,7 @@ def _draw_scenery(axes: Axes, scenery: Scenery) -> None:
 
     ratio = scenery.episode.ratio
     result = "goal not reached" if ratio is None else f"{ratio:.3f} times the oracle's"
-    title = f"{literal(scenery.policy)}\n{literal(scenery.scene)}: {result}"
+    name = fill(literal(scenery.policy), _TITLE_LETTERS)
+    title = f"{name}\n{literal(scenery.scene)}: {result}"
     axes.set_title(title, fontsize="small")
     axes.set(xticks=[], yticks=[])

@@ -109,6 +109,8 @@ def main(
             track: {name: facts[name, scenes_of(name, track, size)] for name in PAGE_SETS}
             for track, size in sizes.items()
         }
+        if drop_rows and not keep_rows:
+            raise ValueError(f"drop_rows={drop_rows} needs keep_rows: otherwise no row is kept")
         if keep_rows:  # what cannot be kept is told before anything is played
             before = read_record(out / RECORD), SceneScores.read(out / SCORES)
             _drop(before[0], drop_rows)

@@ -419,6 +419,8 @@ def test_rows_are_kept_as_they_are_where_their_runs_are_gone(
         monkeypatch, "generalisation", runs, "--out", docs, *few, "--keep-rows", "--drop-rows", "U"
     )
     assert "drop_rows: 'U' must be one of the rows of runs [" in capsys.readouterr().err
+    call(monkeypatch, "generalisation", runs, "--out", docs, *few, "--drop-rows", "U")
+    assert "drop_rows=('U',) needs keep_rows" in capsys.readouterr().err
     margin = "planning network, imitation, encoding margin"
     without = record_of(monkeypatch, runs, docs, *few, "--keep-rows", "--drop-rows", margin)
     assert [each for each in again["entrants"] if each["name"] != margin] == without["entrants"]

@@ -44,8 +44,7 @@ _FIRST_ANSWER = torch.tensor([_FIRST_LOGIT, math.log(_FIRST_CAUTION), _FIRST_PRE
 _VALUE_STEPS = 128  # in 1
 _LARGEST_VALUE = 16.0
 _WEIGHT_STEPS = 512.0
-_LARGEST_WEIGHT = 8.0
-_LARGEST_BIAS = 8.0
+_LARGEST_WEIGHT = 8.0  # and bias
 _PRICE_STEPS = 1024
 _EXACT = 2.0**24  # up to so many steps a sum is exact in single precision, in whatever order
 
@@ -90,10 +89,11 @@ class ExplorerNetwork(nn.Module):
         Channels of the hidden layers.
     """
 
-    former_weights = dict.fromkeys(
-        ("layers.6.weight", "read_out.weight"),
-        "it is an explorer of old, with another network: train it anew",
-    )
+    former_weights = {
+        "layers.6.weight": "it is an explorer of old, which saw each cell by itself: train it anew",
+        "read_out.weight": "it is an explorer of old, which read out each place in a block by "
+        "itself: train it anew",
+    }
     """As `agents.networks.planner.PlanningNetwork.former_weights`."""
 
     def __init__(self, width: int = 16) -> None:
@@ -213,9 +213,8 @@ class ExplorerNetwork(nn.Module):
         assert bias is not None
         each = _of_blocks(weight[:, :-_PLANES])  # for each cell of a block, which all are alike
         alike = each.view(len(each), -1, _BLOCK**2, 3, 3).sum(dim=2)
-        kernel = torch.cat(
-            [alike, _of_blocks(weight[:, -_PLANES:])], dim=1
-        )  # (12, width + 32, 3, 3)
+        own = _of_blocks(weight[:, -_PLANES:])
+        kernel = torch.cat([alike, own], dim=1)  # (12, width + 32, 3, 3)
         seen = torch.cat([found, blocks], dim=1)
         answers = self._convolve(seen, kernel, bias.repeat_interleave(_BLOCK**2))
 
@@ -251,9 +250,9 @@ def _exact(weight: Tensor, bias: Tensor) -> tuple[Tensor, Tensor]:
     steps = _WEIGHT_STEPS
     while True:
         rounded = _in_steps(weight, steps, _LARGEST_WEIGHT)
-        most = rounded.abs().flatten(1).sum(dim=1) * _LARGEST_VALUE + _LARGEST_BIAS
+        most = rounded.abs().flatten(1).sum(dim=1) * _LARGEST_VALUE + _LARGEST_WEIGHT
         if most.max() * _VALUE_STEPS * steps <= _EXACT:
-            return rounded, _in_steps(bias, steps * _VALUE_STEPS, _LARGEST_BIAS)
+            return rounded, _in_steps(bias, steps * _VALUE_STEPS, _LARGEST_WEIGHT)
         steps /= 2
 
 

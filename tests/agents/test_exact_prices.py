@@ -160,5 +160,8 @@ def test_a_robot_takes_the_first_of_the_best_moves_of_its_plan():
 def test_a_file_of_an_explorer_of_old_is_refused_in_words():
     network = ExplorerNetwork(8)
     network.read_out = torch.nn.Conv2d(8, 12, 1)
-    with pytest.raises(NetworkFileError, match="an explorer of old"):
+    with pytest.raises(NetworkFileError, match="which read out each place in a block by itself"):
+        unpack_network(pack_network("explorer", {"width": 8}, network))
+    network.layers.extend(torch.nn.Conv2d(8, 8, 3) for _ in range(2))
+    with pytest.raises(NetworkFileError, match="an explorer of old, which saw each cell by itself"):
         unpack_network(pack_network("explorer", {"width": 8}, network))

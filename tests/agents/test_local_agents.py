@@ -437,7 +437,10 @@ def trap() -> SceneSet:
     return SceneSet((), ("trap",), np.array([-1.0]), gain_db, to_go, irs, start, goal, 0.5)
 
 
-def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
+@pytest.mark.parametrize(("known_extra", "most"), [(0.0, 1.0), (KNOWN_EXTRA, 1.1)])
+def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end(monkeypatch, known_extra, most):
+    """By the shortest way, where it has nothing to prefer among known cells."""
+    monkeypatch.setattr("agents.networks.explorer.KNOWN_EXTRA", known_extra)
     pool = trap()
     config = ExplorerPpoConfig(
         robots=16,
@@ -446,6 +449,7 @@ def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
         random_start=0.7,
         total_timesteps=16_000,
         learning_rate=1e-3,
+        vf_coef=0.2,
     )
     torch.manual_seed(0)
     teacher, taken = ExplorerPpo(config, first_network(config), np.random.default_rng(0)), 0
@@ -459,7 +463,7 @@ def test_explorer_learns_by_ppo_alone_to_keep_out_of_a_dead_end():
     while taken < config.total_timesteps:
         steps, _ = teacher.update(pool, taken / config.total_timesteps)
         taken += steps
-    assert episode().ratio < 1.1
+    assert episode().ratio <= most + 1e-6
 
 
 @pytest.mark.parametrize(

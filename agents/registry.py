@@ -299,7 +299,8 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.learning.sb3_configs:LocalPpoConfig",
         learner="stable_baselines3:PPO",
         network="agents.networks.local_extractor:LocalExtractor",
-        training=_tested_every(200_000),
+        env=_MANY_SCENES,
+        training=_tested_every(2_000_000),
     ),
     "recurrent_ppo": Row(
         title="RecurrentPPO (sb3-contrib)",
@@ -307,7 +308,8 @@ ALGORITHMS: dict[str, Row] = {
         config="agents.learning.sb3_configs:RecurrentPpoConfig",
         learner="sb3_contrib:RecurrentPPO",
         network="agents.networks.local_extractor:LocalExtractor",
-        training=_tested_every(100_000),
+        env=_MANY_SCENES,
+        training=_tested_every(2_000_000),
     ),
 }
 

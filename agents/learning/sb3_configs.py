@@ -20,9 +20,12 @@ class LocalPpoConfig(PpoConfig):
     algorithm: ClassVar[str] = "local_ppo"
     env_settings: ClassVar[tuple[str, ...]] = (*PpoConfig.env_settings, "random_start")
 
-    total_timesteps: int = 2_000_000
+    total_timesteps: int = 20_000_000
+    n_envs: int = 256
     gamma: float = 0.98
+    batch_size: int = 4096
     ent_coef: float = 0.01
+    final_ent_coef: float | None = 0.001
     random_start: float = 0.3
     """Probability of a start drawn among the cells from which the goal can be reached."""
 
@@ -41,12 +44,14 @@ class RecurrentPpoConfig(PpoConfig):
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "lstm_hidden_size")
     env_settings: ClassVar[tuple[str, ...]] = (*PpoConfig.env_settings, "random_start")
 
-    total_timesteps: int = 300_000
+    total_timesteps: int = 20_000_000
+    n_envs: int = 256
     gamma: float = 0.98
     net_arch: tuple[int, ...] = (128,)
-    batch_size: int = 2048
-    n_epochs: int = 4
+    batch_size: int = 4096
+    n_epochs: int = 3
     ent_coef: float = 0.01
+    final_ent_coef: float | None = 0.001
     random_start: float = 0.3
     """Probability of a start drawn among the cells from which the goal can be reached."""
     lstm_hidden_size: int = 128

@@ -44,7 +44,7 @@ class RecurrentPpoConfig(PpoConfig):
     policy_settings: ClassVar[tuple[str, ...]] = ("net_arch", "lstm_hidden_size")
     env_settings: ClassVar[tuple[str, ...]] = (*PpoConfig.env_settings, "random_start")
 
-    total_timesteps: int = 20_000_000
+    total_timesteps: int = 10_000_000
     n_envs: int = 256
     gamma: float = 0.98
     net_arch: tuple[int, ...] = (128,)

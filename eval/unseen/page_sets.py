@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from eval.unseen.scores import HARD, PAPER_TARGETS_DB, detours, paper_scene_set
 from irs_gym.datasets.generator import CELL_SIZE, Difficulty, draw_solved_scene
-from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of
+from irs_gym.datasets.scene_set import SceneSet, build_scene_set, scene_set_of, solved_scene_set
 from irs_gym.datasets.solved_scene import radio_map_of
-from irs_gym.datasets.splits import FAMILIES
+from irs_gym.datasets.splits import FAMILIES, SPLITS
 from irs_gym.radio.scene import AccessPoint, Obstacle, Room, Scene, load_scene
 
 Track = Literal["map", "local"]
 SCENES = 1000  # of a frozen set
 LARGE_SCENES = 20
+DRAWN_ANEW = 3000  # scenes of a kind of which a frozen set has too few to tell small differences
 # Fewer in the local track, where every step costs a plan: of large maps, and of families, of which
 # there are many.
 LOCAL_SCENES = {
@@ -28,7 +29,9 @@ LOCAL_SCENES = {
     "160x160": 5,
     "160x160-maze": 5,
 }
+ANEW_SEED = 200  # and the split's number: of scenes drawn anew
 WALL_DETOURS = tuple(range(8, 161, 8))  # metres: of the ways around single walls
+_LARGE_FRAME = (160, 160)
 _WALL_ROOM = (12.0, 80.0)  # metres, of a single wall
 _HEIGHT = 5.0  # metres, of that room and wall
 _SLACK_DB = 1.0  # that a target which excludes no cell lies below the worst of them
@@ -106,23 +109,33 @@ def checksum_of(pool: SceneSet) -> str:
 # --- sets that are no split -----------------------------------------------------------------------
 
 
+def anew(split: str, scenes: int) -> SceneSet:
+    """Scenes of the kind of a split, from other seeds."""
+    chosen = SPLITS[split]
+    return _drawn(
+        f"{split}-anew", ANEW_SEED + chosen.number, chosen.difficulty, chosen.frame, scenes
+    )
+
+
 def large_scene_set(scenes: int) -> SceneSet:
     """Scenes of four times the usual sides, with as many boxes for the area: maps of 112 to 160
     cells a side.
     """
-    return _drawn("large", 160, Difficulty(sides=(56.0, 80.0), boxes=(48, 192)), scenes)
+    level = Difficulty(sides=(56.0, 80.0), boxes=(48, 192))
+    return _drawn("large", 160, level, _LARGE_FRAME, scenes)
 
 
 def large_maze_set(scenes: int) -> SceneSet:
     """Mazes of four times the usual sides, with corridors as wide as in the others."""
     level = Difficulty(family="maze", sides=(56.0, 80.0), boxes=(0, 0), panels=("none",))
-    return _drawn("large-maze", 161, level, scenes)
+    return _drawn("large-maze", 161, level, _LARGE_FRAME, scenes)
 
 
-def _drawn(name: str, seed: int, level: Difficulty, scenes: int) -> SceneSet:
+def _drawn(
+    name: str, seed: int, level: Difficulty, frame: tuple[int, int], scenes: int
+) -> SceneSet:
     drawn = [draw_solved_scene(np.random.default_rng([seed, n]), level) for n in range(scenes)]
-    names = [f"{name}-{n}" for n in range(scenes)]
-    return scene_set_of([each.scene for each in drawn], names, frame=(160, 160))
+    return solved_scene_set(drawn, tuple(f"{name}-{n}" for n in range(scenes)), frame)
 
 
 def wall_scene_set(scenes: int) -> SceneSet:
@@ -205,6 +218,15 @@ def _split(name: str, what: str) -> PageSet:
 PAGE_SETS: Mapping[str, PageSet] = {
     **{name: _split(name, what) for name, what in _USUAL.items()},
     **{f"ood-{name}": _split(f"ood-{name}", _FAMILIES[name]) for name in FAMILIES},
+    **{
+        f"{name}, anew": PageSet(
+            what=f"of the kind of {name}, from other seeds",
+            build=partial(anew, name),
+            most=DRAWN_ANEW,
+            local=DRAWN_ANEW,
+        )
+        for name in ("test", "ood-clutter")
+    },
     "160x160": PageSet(
         what="four times the sides, and as many boxes for the area",
         build=large_scene_set,

@@ -62,7 +62,7 @@ def kept_rows(
     is_anew: Callable[[Mapping[str, Any]], bool],
 ) -> list[dict[str, Any]]:
     """The rows of runs in the data of a page but those that there are new ones for; each says from
-    which commit it was scored.
+    which commit it was scored. On sets that the page did not have they have no score.
 
     Parameters
     ----------
@@ -85,7 +85,8 @@ def kept_rows(
     ]
 
     for each in rows:
-        if old["sets"][each["track"]] != sets[each["track"]]:
+        now = sets[each["track"]]
+        if any(now.get(name) != one for name, one in old["sets"][each["track"]].items()):
             raise ValueError(
                 f"the row {key_of(each)!r} cannot be kept: it is of other scenes of the "
                 f"{each['track']} track, of which as many are needed as it has"

@@ -112,7 +112,14 @@ def small(monkeypatch, tmp_path):
         side = 20 if name.startswith("160") else 12
         return lambda scenes: tiny_pool(scenes, (side, side - 1), seed=len(name))
 
-    for name in ("ood-clutter", "ood-irs", "ood-size", "ood-rooms", "160x160-maze"):
+    for name in (
+        "ood-clutter",
+        "ood-irs",
+        "ood-size",
+        "ood-rooms",
+        "160x160-maze",
+        "ood-clutter, anew",
+    ):
         monkeypatch.delitem(PAGE_SETS, name)
     for name, each in PAGE_SETS.items():
         if name != "paper":
@@ -235,7 +242,8 @@ def test_what_agents_learned_on_in_words():
 
 def test_sets_of_the_page_are_all_frozen_ones_and_what_has_no_split():
     frozen = {name for name, each in SPLITS.items() if each.is_frozen} - {"val"}
-    assert {*PAGE_SETS} == {*frozen, "160x160", "160x160-maze", "walls", "paper"}
+    others = {"test, anew", "ood-clutter, anew", "160x160", "160x160-maze", "walls", "paper"}
+    assert {*PAGE_SETS} == {*frozen, *others}
     assert IN_ORDER[5:13] == list(FAMILY_SETS)
 
 

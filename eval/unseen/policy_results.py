@@ -106,15 +106,14 @@ def family_left_out(split: str) -> str | None:
 
 def learned_on(split: str) -> str:
     """A split to learn on, in words."""
-    family = family_left_out(split)
+    members = members_of(split)
     if split == "train":
         return "usual"
-    if family is not None:
-        return f"all kinds but {family}"
-    if {*members_of(split)} == {"train", *(f"train-{each}" for each in FAMILIES)}:
-        return "all kinds"
+    if "train" not in members:
+        return ", ".join(each.removeprefix("train-") for each in members)
 
-    return ", ".join(each.removeprefix("train-") for each in members_of(split))
+    missing = [each for each in FAMILIES if f"train-{each}" not in members]
+    return f"all kinds but {' and '.join(missing)}" if missing else "all kinds"
 
 
 def sets_of(algorithm: str, split: str | None, scenes: int | None) -> list[str]:
@@ -383,18 +382,24 @@ def _maker(weights: str | None) -> str | None:
 
 
 def _differences(own: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What sets it apart from others of the same algorithm: the agent's settings, and what it
-    learned on where that is not the same for all that no family was left out for.
+    """What sets it apart from others of the same algorithm: what it learned on, and the agent's
+    settings where others learned on the same. All that a family was left out for count as one.
     """
-    agents = [each["agent"] for each in others]
+    kinds = [_kind(each) for each in others]
+    kind = _kind(own)
+    alike = [each["agent"] for each, other in zip(others, kinds, strict=True) if other == kind]
     found = [
         f"{name} {value}"
         for name, value in own["agent"].items()
-        if value is not None and any(each.get(name) != value for each in agents)
+        if value is not None and any(each.get(name) != value for each in alike)
     ]
-    split = own["env"]["split"]
-    splits = {each["env"]["split"] for each in others if not family_left_out(each["env"]["split"])}
-    if split in splits and len(splits) > 1:
-        found.append(learned_on(split))
+    if kind is not None and len({*kinds} - {None}) > 1:
+        found.append(learned_on(kind))
 
     return found
+
+
+def _kind(settings: Mapping[str, Any]) -> str | None:
+    """What it learned on; None where a family was left out."""
+    split: str = settings["env"]["split"]
+    return None if family_left_out(split) else split

@@ -235,6 +235,8 @@ def test_what_agents_learned_on_in_words():
     assert learned_on("train") == "usual"
     assert learned_on(all_but("trap")) == "all kinds but trap"
     assert learned_on("+".join(["train", *(f"train-{name}" for name in FAMILIES)])) == "all kinds"
+    without = ["train", *(f"train-{name}" for name in FAMILIES if name not in ("hall", "aps"))]
+    assert learned_on("+".join(without)) == "all kinds but hall and aps"
     assert learned_on("train-maze+train-hall") == "maze, hall"
     assert [family_left_out(all_but(name)) for name in FAMILIES] == list(FAMILIES)
     assert family_left_out("train") is None

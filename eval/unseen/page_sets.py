@@ -19,7 +19,7 @@ from irs_gym.radio.scene import AccessPoint, Obstacle, Room, Scene, load_scene
 Track = Literal["map", "local"]
 SCENES = 1000  # of a frozen set
 LARGE_SCENES = 20
-DRAWN_ANEW = 3000  # scenes of a kind of which a frozen set has too few to tell small differences
+DRAWN_ANEW = {"test": 2000, "ood-clutter": 3000}  # where frozen sets tell no small differences
 # Fewer in the local track, where every step costs a plan: of large maps, and of families, of which
 # there are many.
 LOCAL_SCENES = {
@@ -222,10 +222,10 @@ PAGE_SETS: Mapping[str, PageSet] = {
         f"{name}, anew": PageSet(
             what=f"of the kind of {name}, from other seeds",
             build=partial(anew, name),
-            most=DRAWN_ANEW,
-            local=DRAWN_ANEW,
+            most=size,
+            local=size,
         )
-        for name in ("test", "ood-clutter")
+        for name, size in DRAWN_ANEW.items()
     },
     "160x160": PageSet(
         what="four times the sides, and as many boxes for the area",

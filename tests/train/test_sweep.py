@@ -409,6 +409,23 @@ def test_sweeps_over_families_leave_each_out_of_what_its_agents_learn_on(name):
         assert config.env.test_split == "val"
 
 
+def test_curriculum_goes_from_usual_factories_to_those_where_walls_decide():
+    usual = Plan.load(SWEEPS / "generalisation.toml")
+    first = {config.out: config for config in usual.configs()}
+    walls = [f"train-{name}" for name, each in FAMILIES.items() if each.family]
+    imitation = list(Plan.load(SWEEPS / "generalisation-curriculum.toml").configs())
+
+    for config in imitation:
+        before = first[config.agent.weights]
+        assert (before.seed, before.env.split) == (config.seed, "train")
+        assert config.env.split == "+".join(["train", *walls])
+
+    second = {config.out: config for config in imitation}
+    for config in Plan.load(SWEEPS / "generalisation-curriculum-then-ppo.toml").configs():
+        before = second[config.agent.weights]
+        assert (before.seed, before.env) == (config.seed, config.env)
+
+
 def test_ppo_with_a_family_left_out_begins_with_what_imitation_has_found_without_it():
     before = Plan.load(SWEEPS / "generalisation-families.toml")
     after = Plan.load(SWEEPS / "generalisation-families-then-ppo.toml")

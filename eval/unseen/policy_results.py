@@ -382,8 +382,9 @@ def _maker(weights: str | None) -> str | None:
 
 
 def _differences(own: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What sets it apart from others of the same algorithm: what it learned on, and the agent's
-    settings where others learned on the same. All that a family was left out for count as one.
+    """What sets it apart from others of the same algorithm: what it learned on, which is said of
+    the usual alone where others learned on something else, and the agent's settings where others
+    learned on the same. All that a family was left out for count as one.
     """
     kinds = [_kind(each) for each in others]
     kind = _kind(own)
@@ -393,7 +394,7 @@ def _differences(own: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) ->
         for name, value in own["agent"].items()
         if value is not None and any(each.get(name) != value for each in alike)
     ]
-    if kind is not None and len({*kinds} - {None}) > 1:
+    if kind is not None and (kind != "train" or len({*kinds} - {None}) > 1):
         found.append(learned_on(kind))
 
     return found

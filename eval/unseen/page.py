@@ -86,7 +86,8 @@ def draw_scenes_curve(record: Mapping[str, Any]) -> bytes:
 
     axes.set(xscale="log", xlabel="training scenes", ylabel="SPL")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize="small")
+    if axes.get_legend_handles_labels()[0]:  # a page may have no planner
+        axes.legend(fontsize="small")
 
     return as_png(figure, dpi=110, in_palette=True)
 

@@ -107,13 +107,14 @@ def family_left_out(split: str) -> str | None:
 def learned_on(split: str) -> str:
     """A split to learn on, in words."""
     members = members_of(split)
-    if split == "train":
-        return "usual"
     if "train" not in members:
         return ", ".join(each.removeprefix("train-") for each in members)
 
     missing = [each for each in FAMILIES if f"train-{each}" not in members]
-    return f"all kinds but {' and '.join(missing)}" if missing else "all kinds"
+    if len(missing) < len(members):
+        return f"all kinds but {' and '.join(missing)}" if missing else "all kinds"
+
+    return ", ".join(["usual", *(each for each in FAMILIES if each not in missing)])
 
 
 def sets_of(algorithm: str, split: str | None, scenes: int | None) -> list[str]:

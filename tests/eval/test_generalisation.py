@@ -237,9 +237,42 @@ def test_what_agents_learned_on_in_words():
     assert learned_on("+".join(["train", *(f"train-{name}" for name in FAMILIES)])) == "all kinds"
     without = ["train", *(f"train-{name}" for name in FAMILIES if name not in ("hall", "aps"))]
     assert learned_on("+".join(without)) == "all kinds but hall and aps"
+    assert learned_on("train+train-maze") == "usual, maze"
     assert learned_on("train-maze+train-hall") == "maze, hall"
     assert [family_left_out(all_but(name)) for name in FAMILIES] == list(FAMILIES)
     assert family_left_out("train") is None
+
+
+def test_a_row_says_what_it_learned_on_where_that_is_not_usual(monkeypatch, small, tmp_path):
+    runs, docs, explorer = tmp_path / "runs", tmp_path / "docs", ExplorerConfig(robots=4)
+    words = ("--num-scenes", 2, "--local-scenes", 2)
+
+    save(runs / "walls", explorer, 0, split="train+train-maze")
+    record = record_of(monkeypatch, runs, docs, *words)
+    names = [each["name"] for each in record["entrants"] if each["is_run"]]
+    assert names == ["explorer: imitation with memory, usual, maze"]
+
+    # beside one of the usual scenes alone, both say it
+    save(runs / "usual", explorer, 0)
+    record = record_of(monkeypatch, runs, docs, *words)
+    names = [each["name"] for each in record["entrants"] if each["is_run"]]
+    title = "explorer: imitation with memory"
+    assert names == [f"{title}, usual", f"{title}, usual, maze"]
+
+
+def test_rows_are_kept_where_the_page_gets_new_sets(monkeypatch, small, tmp_path):
+    docs, words = tmp_path / "docs", ("--num-scenes", 2, "--local-scenes", 2)
+    save(tmp_path / "old/planner", PlannerConfig(batch_scenes=4), 0)
+    with monkeypatch.context() as before:
+        before.delitem(PAGE_SETS, "test, anew")
+        record_of(before, tmp_path / "old", docs, *words)
+
+    save(tmp_path / "new/explorer", ExplorerConfig(robots=4), 0)
+    record = record_of(monkeypatch, tmp_path / "new", docs, *words, "--keep-rows")
+    sets = {each["algorithm"]: {*each["sets"]} for each in record["entrants"] if each["is_run"]}
+    assert sets["explorer"] - sets["planner"] == {"test, anew"}
+    page = (docs / "generalisation.md").read_text()
+    assert "| test, anew |" in page
 
 
 def test_sets_of_the_page_are_all_frozen_ones_and_what_has_no_split():

@@ -219,7 +219,7 @@ PAGE_SETS: Mapping[str, PageSet] = {
     **{name: _split(name, what) for name, what in _USUAL.items()},
     **{f"ood-{name}": _split(f"ood-{name}", _FAMILIES[name]) for name in FAMILIES},
     **{
-        f"{name}, anew": PageSet(
+        f"{name}-anew": PageSet(
             what=f"of the kind of {name}, from other seeds",
             build=partial(anew, name),
             most=size,

@@ -118,7 +118,7 @@ def small(monkeypatch, tmp_path):
         "ood-size",
         "ood-rooms",
         "160x160-maze",
-        "ood-clutter, anew",
+        "ood-clutter-anew",
     ):
         monkeypatch.delitem(PAGE_SETS, name)
     for name, each in PAGE_SETS.items():
@@ -264,20 +264,20 @@ def test_rows_are_kept_where_the_page_gets_new_sets(monkeypatch, small, tmp_path
     docs, words = tmp_path / "docs", ("--num-scenes", 2, "--local-scenes", 2)
     save(tmp_path / "old/planner", PlannerConfig(batch_scenes=4), 0)
     with monkeypatch.context() as before:
-        before.delitem(PAGE_SETS, "test, anew")
+        before.delitem(PAGE_SETS, "test-anew")
         record_of(before, tmp_path / "old", docs, *words)
 
     save(tmp_path / "new/explorer", ExplorerConfig(robots=4), 0)
     record = record_of(monkeypatch, tmp_path / "new", docs, *words, "--keep-rows")
     sets = {each["algorithm"]: {*each["sets"]} for each in record["entrants"] if each["is_run"]}
-    assert sets["explorer"] - sets["planner"] == {"test, anew"}
+    assert sets["explorer"] - sets["planner"] == {"test-anew"}
     page = (docs / "generalisation.md").read_text()
-    assert "| test, anew |" in page
+    assert "| test-anew |" in page
 
 
 def test_sets_of_the_page_are_all_frozen_ones_and_what_has_no_split():
     frozen = {name for name, each in SPLITS.items() if each.is_frozen} - {"val"}
-    others = {"test, anew", "ood-clutter, anew", "160x160", "160x160-maze", "walls", "paper"}
+    others = {"test-anew", "ood-clutter-anew", "160x160", "160x160-maze", "walls", "paper"}
     assert {*PAGE_SETS} == {*frozen, *others}
     assert IN_ORDER[5:13] == list(FAMILY_SETS)
 

@@ -299,20 +299,23 @@ def scene_set_of(
     solved = [
         _solve(scene, name, cell_size, robot) for scene, name in zip(scenes, names, strict=True)
     ]
-    return replace(solved_scene_set(solved, names, frame), robot=robot)
+    return solved_scene_set(solved, names, frame, robot)
 
 
 def solved_scene_set(
-    solved: Sequence[SolvedScene], names: tuple[str, ...], frame: tuple[int, int]
+    solved: Sequence[SolvedScene],
+    names: tuple[str, ...],
+    frame: tuple[int, int],
+    robot: Robot = PAPER_ROBOT,
 ) -> SceneSet:
-    """Scene set of scenes that one robot has solved in cells of one size, each with its name, on
-    maps that fit the frame.
+    """Scene set of scenes that a robot has solved in cells of one size, each with its name, on maps
+    that fit the frame.
     """
     scenes = tuple(each.scene for each in solved)
     cell_size = solved[0].radio_map.grid.cell_size
     pool = _scene_set(scenes, names, Shard.of(solved, frame), cell_size)
 
-    return replace(pool, moves=_packed([each.passable for each in solved], frame))
+    return replace(pool, robot=robot, moves=_packed([each.passable for each in solved], frame))
 
 
 def build_scene_set(

@@ -23,11 +23,10 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 _BATCH = 16  # maps in work at a time
 
-PLAN_STEPS = 4
-"""Steps for which a plan holds, as it does on average where explorers learn, unless a cell turns
-out to be closed that it may lead through."""
+PLAN_STEPS = 3
+"""Steps for which a plan holds, if not a cell of its way turns out to be closed: with more of them
+ways become longer, with fewer they do not become shorter."""
 _NOWHERE = -1  # the goal of a robot that has no plan
-_ROUNDING = 1e-3  # cells: more than sums of costs lose
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +64,9 @@ class Explorer:
     """Acts on local observations, dict or flat, of `IrsNavRandom-v0`; its state is what it has seen
     in the episode.
 
-    It plans anew after `PLAN_STEPS` steps if it has seen a new cell since, and at once where one is
-    closed that its way may lead through. It takes the likeliest move, whether or not
-    ``deterministic``. What it does in one environment of a batch depends on no other.
+    It plans anew after `PLAN_STEPS` steps if it has seen a new cell since, and at once where one of
+    its way is closed. It takes the likeliest move, whether or not ``deterministic``. What it does
+    in one environment of a batch depends on no other.
 
     Attributes
     ----------
@@ -113,15 +112,14 @@ class Explorer:
         age = old.age + 1
         has_news = old.has_news | is_new.any(axis=(1, 2))
 
-        # A plan holds until it is out of date, is cut off, or does not reach where the robot is.
+        # A plan holds until it is out of date, does not reach where the robot is, or is cut off.
         cost, to_go, reach = old.cost.copy(), old.to_go.copy(), old.reach.copy()
-        here = (np.arange(len(at)), *(cells.T + 1))  # the robots' cells in their frames
-        needs_plan = np.flatnonzero(
-            (has_news & (age >= PLAN_STEPS))
-            | _is_cut_off(cells, to_go, is_new & (patches < 0))
-            | (to != old.goals)
-            | (to_go[here] > reach)
-        )
+        robots = np.arange(len(at))
+        here = (robots, *(cells.T + 1))  # the robots' cells in their frames
+        is_over = (to != old.goals) | (to_go[here] > reach) | (has_news & (age >= PLAN_STEPS))
+        is_closed = is_new & (patches < 0) & ~is_over[:, None, None]
+        is_over |= self._is_cut_off(cells, cost, to_go, is_closed)
+        needs_plan = np.flatnonzero(is_over)
         age[needs_plan] = 0
         has_news[needs_plan] = False
 
@@ -134,7 +132,7 @@ class Explorer:
             cost[inner], to_go[inner] = self._plan(belief.maps[part], to[part], at[part])
 
         reach[needs_plan] = to_go[here][needs_plan]
-        actions = self._likeliest(cells, cost, to_go)
+        actions = self._likeliest(robots, cells, cost, to_go)
 
         state = ExplorerState(belief, to, cost, to_go, reach, age, has_news)
         return actions.reshape(decoded.cell.shape), state
@@ -167,36 +165,37 @@ class Explorer:
 
         return prices.cost.numpy(), to_go.numpy()
 
-    def _likeliest(self, cells: Ints, cost: Floats, to_go: Floats) -> Ints:
-        """The first of the best moves of plans from cells ``(n, 2)``, ``(n,)``."""
+    def _is_cut_off(self, cells: Ints, cost: Floats, to_go: Floats, is_closed: Bools) -> Bools:
+        """Whether the ways of plans from cells ``(n, 2)`` lead, as far as they are in view, through
+        any of those that turn out to be closed, ``(n, 2r+1, 2r+1)`` around them: bool ``(n,)``.
+        """
+        side = is_closed.shape[1]
+        is_cut_off = np.zeros(len(cells), dtype=bool)
+        robots = np.flatnonzero(is_closed.any(axis=(1, 2)))
+        at = np.full((len(robots), 2), side // 2)  # in the patches around their first cells
+
+        for _ in range(side):
+            here = cells[robots] + at - side // 2
+            at = at + MOVES[self._likeliest(robots, here, cost, to_go)]
+            is_in_view = ((at >= 0) & (at < side)).all(axis=1)
+            robots, at = robots[is_in_view], at[is_in_view]
+
+            is_hit = is_closed[robots, *at.T]
+            is_cut_off[robots[is_hit]] = True
+            robots, at = robots[~is_hit], at[~is_hit]
+
+        return is_cut_off
+
+    def _likeliest(self, robots: Ints, cells: Ints, cost: Floats, to_go: Floats) -> Ints:
+        """The first of the best moves of these robots' plans from cells ``(k, 2)``, ``(k,)``."""
         frame = cost.shape[1:]
-        ahead = flat_cells(cells + 1, frame)[:, None] + flat_cells(MOVES, frame)  # (n, 8)
-        there = np.arange(len(cells))[:, None] * prod(frame) + ahead  # in all frames
+        ahead = flat_cells(cells + 1, frame)[:, None] + flat_cells(MOVES, frame)  # (k, 8)
+        there = robots[:, None] * prod(frame) + ahead  # in all frames
         worth = MOVE_LENGTHS.astype(np.float32) * cost.take(there) + to_go.take(there)
         worse = worth - worth.min(axis=1, keepdims=True)
         network: Any = self.network
 
         return first_of_best(-network.log_beta.exp().item() * worse, axis=1)
-
-
-def _is_cut_off(cells: Ints, to_go: Floats, is_closed: Bools) -> Bools:
-    """Whether plans may lead from cells ``(n, 2)`` through one of those that turn out to be closed,
-    ``(n, 2r+1, 2r+1)`` around them: bool ``(n,)``.
-
-    As no cell costs less than its length, none is on a best way that is farther from the robot than
-    it is nearer to the goal.
-    """
-    robot, *offset = np.nonzero(is_closed)  # (K,) each
-    from_robot = np.stack(offset, axis=1) - is_closed.shape[1] // 2  # (K, 2)
-    there = cells[robot] + 1 + from_robot
-    is_on_map = ((there >= 0) & (there < to_go.shape[1:])).all(axis=1)
-    robot, from_robot, there = robot[is_on_map], from_robot[is_on_map], there[is_on_map]
-
-    nearer = to_go[robot, *(cells[robot].T + 1)] - to_go[robot, *there.T]
-    is_cut_off = np.zeros(len(cells), dtype=bool)
-    is_cut_off[robot[octile_distance(from_robot) <= nearer + _ROUNDING]] = True
-
-    return is_cut_off
 
 
 def decode_local(observation: Any, shape: tuple[int, int]) -> DecodedObservation:

@@ -171,6 +171,43 @@ def test_a_learner_acts_on_the_share_that_it_trusts():
     assert learner.policy.network.answer.bias[0] == 1.25
 
 
+@pytest.mark.parametrize(
+    ("walls", "expected"),
+    [
+        ([], [0, 3, 6, 9]),
+        # in view from x = 4 on: in the way, or beside it
+        ([(6, 3)], [0, 3, 4, 7]),
+        ([(6, 2), (6, 3), (6, 4)], [0, 3, 4, 7]),
+        ([(6, 1), (6, 2), (6, 4)], [0, 3, 6, 9]),
+    ],
+)
+def test_a_plan_holds_for_three_steps_or_until_its_way_is_seen_to_be_closed(
+    walls, expected, monkeypatch
+):
+    gain_db = np.full((1, 12, 7), -50.0)
+    for i, j in walls:
+        gain_db[0, i, j] = -90.0
+    to_go = distance_to_go(gain_db[0] >= -60.0, (10, 3), 0.5)[None]
+    irs = np.full((1, 3), -1.0, dtype=np.float32)
+    start, goal = np.array([[0, 3]]), np.array([[10, 3]])
+    pool = SceneSet((), ("room",), np.array([-60.0]), gain_db, to_go, irs, start, goal, 0.5)
+
+    planned = []
+    plan = Explorer._plan
+    monkeypatch.setattr(
+        Explorer, "_plan", lambda self, *seen: (planned.append(step), plan(self, *seen))[1]
+    )
+    policy, env = explorer(shape=(12, 7), optimistic=True), env_of(pool, patch_radius=2)
+    (observation, _), state, is_over, step = env.reset(), None, False, 0
+    while not is_over:
+        action, state = policy.predict(observation, state)
+        observation, _, is_over, _, info = env.step(int(action))
+        step += 1
+        assert len(env.unwrapped.path) == step + 1  # no move is refused
+    assert info["is_success"]
+    assert planned == expected
+
+
 def test_optimistic_explorer_walks_as_far_as_optimistic_replanning_does_where_nothing_ties(
     monkeypatch,
 ):

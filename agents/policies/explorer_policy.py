@@ -175,6 +175,9 @@ class Explorer:
         at = np.full((len(robots), 2), side // 2)  # in the patches around their first cells
 
         for _ in range(side):
+            if not len(robots):
+                break
+
             here = cells[robots] + at - side // 2
             at = at + MOVES[self._likeliest(robots, here, cost, to_go)]
             is_in_view = ((at >= 0) & (at < side)).all(axis=1)

@@ -59,6 +59,14 @@ def env_of(pool, **more):
     return gymnasium.make("irs_gym:IrsNavRandom-v0", scenes=pool, **more)
 
 
+def one_room(feasible, start, goal) -> SceneSet:
+    """A pool of one scene, all of whose cells that are not feasible are obstacles."""
+    gain_db, irs = np.where(feasible, 0.0, -np.inf)[None], np.zeros((1, 3), dtype=np.float32)
+    to_go = distance_to_go(feasible, goal, 0.5)[None]
+    ends = np.array([[start], [goal]])  # (2, 1, 2)
+    return SceneSet((), ("room",), np.array([-1.0]), gain_db, to_go, irs, *ends, 0.5)
+
+
 def test_memory_is_the_union_of_all_that_was_in_view():
     rng = np.random.default_rng(0)
     cells = np.stack(
@@ -184,27 +192,21 @@ def test_a_learner_acts_on_the_share_that_it_trusts():
 def test_a_plan_holds_for_three_steps_or_until_its_way_is_seen_to_be_closed(
     walls, expected, monkeypatch
 ):
-    gain_db = np.full((1, 12, 7), -50.0)
-    for i, j in walls:
-        gain_db[0, i, j] = -90.0
-    to_go = distance_to_go(gain_db[0] >= -60.0, (10, 3), 0.5)[None]
-    irs = np.full((1, 3), -1.0, dtype=np.float32)
-    start, goal = np.array([[0, 3]]), np.array([[10, 3]])
-    pool = SceneSet((), ("room",), np.array([-60.0]), gain_db, to_go, irs, start, goal, 0.5)
+    feasible = np.ones((12, 7), dtype=bool)
+    for cell in walls:
+        feasible[cell] = False
+    env = env_of(one_room(feasible, (0, 3), (10, 3)), patch_radius=2)
 
     planned = []
     plan = Explorer._plan
     monkeypatch.setattr(
-        Explorer, "_plan", lambda self, *seen: (planned.append(step), plan(self, *seen))[1]
+        Explorer,
+        "_plan",
+        lambda self, *seen: (planned.append(len(env.unwrapped.path) - 1), plan(self, *seen))[1],
     )
-    policy, env = explorer(shape=(12, 7), optimistic=True), env_of(pool, patch_radius=2)
-    (observation, _), state, is_over, step = env.reset(), None, False, 0
-    while not is_over:
-        action, state = policy.predict(observation, state)
-        observation, _, is_over, _, info = env.step(int(action))
-        step += 1
-        assert len(env.unwrapped.path) == step + 1  # no move is refused
-    assert info["is_success"]
+    found = roll_out(explorer(shape=(12, 7), optimistic=True), env)
+    assert found.is_success
+    assert found.refused == 0  # so that each step is on the path
     assert planned == expected
 
 
@@ -468,10 +470,7 @@ def trap() -> SceneSet:
     """A dead end on the straight way to the goal, whose end cannot be seen from its entrance."""
     feasible = np.ones((16, 9), dtype=bool)
     feasible[4:13, 2] = feasible[4:13, 6] = feasible[12, 2:7] = False
-    start, goal = np.array([[1, 4]]), np.array([[15, 4]])
-    to_go = distance_to_go(feasible, (15, 4), 0.5)[None]
-    gain_db, irs = np.where(feasible, 0.0, -np.inf)[None], np.zeros((1, 3), dtype=np.float32)
-    return SceneSet((), ("trap",), np.array([-1.0]), gain_db, to_go, irs, start, goal, 0.5)
+    return one_room(feasible, (1, 4), (15, 4))
 
 
 @pytest.mark.parametrize(("known_extra", "below"), [(0.0, 1.0 + 1e-6), (KNOWN_EXTRA, 1.1)])

@@ -3,6 +3,7 @@ guessed.
 """
 
 import math
+from collections.abc import Sequence
 from copy import deepcopy
 from typing import NamedTuple
 
@@ -47,6 +48,10 @@ _WEIGHT_STEPS = 512.0
 _LARGEST_WEIGHT = 8.0  # and bias
 _PRICE_STEPS = 1024
 _EXACT = 2.0**24  # up to so many steps a sum is exact in single precision, in whatever order
+
+
+Kernel = tuple[Tensor, Tensor]
+"""Weights ``(O, C, 3, 3)`` and biases ``(O,)`` of a convolution."""
 
 
 class Prices(NamedTuple):
@@ -142,8 +147,27 @@ class ExplorerNetwork(nn.Module):
         """Plan for given costs of the cells; a map's plan is the same in any batch."""
         return plan(costs_of_moves(cost), is_goal, self.log_beta.exp())
 
-    def prices(self, margin: Tensor, goals: Tensor) -> Prices:
-        """What cells cost, of the arguments of `forward`."""
+    def kernels(self) -> list[Kernel]:
+        """What the convolutions multiply by, the first of them first; but for learning, rounded."""
+        kernels = [_kernel_of(self.first), *map(_kernel_of, self.layers)]
+
+        # All cells are read out alike, so that none costs less for its place in a block.
+        weight, bias = _kernel_of(self.answer)  # (3, width + 8, 3, 3), for cells
+        each = _of_blocks(weight[:, :-_PLANES])  # for each cell of a block, which all are alike
+        alike = each.view(len(each), -1, _BLOCK**2, 3, 3).sum(dim=2)
+        own = _of_blocks(weight[:, -_PLANES:])
+        whole = torch.cat([alike, own], dim=1)  # (12, width + 32, 3, 3)
+        kernels.append((whole, bias.repeat_interleave(_BLOCK**2)))
+
+        return kernels if self.training else [_exact(*each) for each in kernels]
+
+    def prices(
+        self, margin: Tensor, goals: Tensor, kernels: Sequence[Kernel] | None = None
+    ) -> Prices:
+        """What cells cost, of the arguments of `forward`.
+
+        Who asks often may hand in `kernels`, which take as long to make for one map as for many.
+        """
         columns, rows = margin.shape[1:]
         is_known = ~margin.isnan()  # (B, X, Y), as the others
         is_feasible = is_known & (margin >= 0)
@@ -164,7 +188,7 @@ class ExplorerNetwork(nn.Module):
             ],
             dim=1,
         )  # (B, 8, X, Y)
-        answers = self._guess(planes)  # (B, 3, X, Y)
+        answers = self._guess(planes, kernels or self.kernels())  # (B, 3, X, Y)
         feasible, log_caution, preference = answers.double().unbind(1)
 
         # A cell not seen costs the more the less likely it is, one that was a little more or less.
@@ -180,45 +204,30 @@ class ExplorerNetwork(nn.Module):
     def _rounded(self, values: Tensor) -> Tensor:
         return values if self.training else _in_steps(values, _VALUE_STEPS, _LARGEST_VALUE)
 
-    def _convolve(
-        self,
-        values: Tensor,
-        weight: Tensor,
-        bias: Tensor | None,
-        dilation: tuple[int, ...] = (1, 1),
-    ) -> Tensor:
-        """A convolution of 3 x 3 places; but for learning, an exact one of rounded values."""
-        assert bias is not None  # as no layer is without one
-        if not self.training:
-            weight, bias = _exact(weight, bias)
-
-        return conv2d(values, weight, bias, padding=dilation, dilation=dilation)
-
-    def _guess(self, planes: Tensor) -> Tensor:
+    def _guess(self, planes: Tensor, kernels: Sequence[Kernel]) -> Tensor:
         """What the convolutions say of each cell, ``(B, 3, X, Y)``, of planes ``(B, 8, X, Y)``."""
         columns, rows = planes.shape[2:]
         whole = pad(planes, (0, -rows % _BLOCK, 0, -columns % _BLOCK))
+        first, *hidden, last = kernels
 
         # Channels lie side by side in memory, which takes a third of the time.
         blocks = self._rounded(pixel_unshuffle(whole, _BLOCK))  # (B, 32, X / 2, Y / 2)
         blocks = blocks.contiguous(memory_format=torch.channels_last)
-        found = self._rounded(self._convolve(blocks, self.first.weight, self.first.bias).relu())
-        for layer in self.layers:
-            assert isinstance(layer, nn.Conv2d)
-            change = self._convolve(found, layer.weight, layer.bias, layer.dilation)
+        found = self._rounded(conv2d(blocks, *first, padding=1).relu())
+        for step, kernel in zip(_DILATIONS, hidden, strict=True):
+            change = conv2d(found, *kernel, padding=step, dilation=step)
             found = self._rounded(found + change.relu())
 
-        # All cells are read out alike, so that none costs less for its place in a block.
-        weight, bias = self.answer.weight, self.answer.bias  # (3, width + 8, 3, 3), for cells
-        assert bias is not None
-        each = _of_blocks(weight[:, :-_PLANES])  # for each cell of a block, which all are alike
-        alike = each.view(len(each), -1, _BLOCK**2, 3, 3).sum(dim=2)
-        own = _of_blocks(weight[:, -_PLANES:])
-        kernel = torch.cat([alike, own], dim=1)  # (12, width + 32, 3, 3)
         seen = torch.cat([found, blocks], dim=1)
-        answers = self._convolve(seen, kernel, bias.repeat_interleave(_BLOCK**2))
+        answers = conv2d(seen, *last, padding=1)
 
         return pixel_shuffle(answers, _BLOCK)[..., :columns, :rows]
+
+
+def _kernel_of(layer: nn.Module) -> Kernel:
+    assert isinstance(layer, nn.Conv2d)
+    assert layer.bias is not None  # as no layer is without one
+    return layer.weight, layer.bias
 
 
 def _of_blocks(kernel: Tensor) -> Tensor:

@@ -3,6 +3,7 @@
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import prod
 from typing import IO, Any
 
@@ -11,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.networks.explorer import BLOCKED, costs_of_moves
+from agents.networks.explorer import BLOCKED, Kernel
 from agents.networks.map_network import first_of_best, pack_network
-from agents.networks.planner import UNREACHED, value_iteration
+from agents.networks.planner import UNREACHED, value_iteration_over_cells
 from agents.policies.belief_map import BeliefMap, windows
 from irs_gym.grid import MOVE_LENGTHS, MOVES, cells_at, flat_cells, octile_distance
 from irs_gym.mdp.packing import DecodedObservation, Packing
@@ -71,7 +72,7 @@ class Explorer:
     Attributes
     ----------
     settings, network
-        Of the `ExplorerNetwork`.
+        Of the `ExplorerNetwork`, which learns no more once it has acted.
     shape
         Frame (X, Y) that positions are scaled to, as in `agents.policies.replanning.Replanner`:
         (40, 40) in most splits.
@@ -160,8 +161,8 @@ class Explorer:
             torch.from_numpy(np.ascontiguousarray(each)) for each in (margin, goals, cells)
         )
         with torch.inference_mode():
-            prices = network.prices(margins, to)
-            to_go = value_iteration(costs_of_moves(prices.cost), prices.is_goal, cells=at)
+            prices = network.prices(margins, to, self._kernels)
+            to_go = value_iteration_over_cells(prices.cost, prices.is_goal, at)
 
         return prices.cost.numpy(), to_go.numpy()
 
@@ -196,9 +197,20 @@ class Explorer:
         there = robots[:, None] * prod(frame) + ahead  # in all frames
         worth = MOVE_LENGTHS.astype(np.float32) * cost.take(there) + to_go.take(there)
         worse = worth - worth.min(axis=1, keepdims=True)
-        network: Any = self.network
 
-        return first_of_best(-network.log_beta.exp().item() * worse, axis=1)
+        return first_of_best(-self._beta * worse, axis=1)
+
+    @cached_property
+    def _kernels(self) -> list[Kernel]:
+        network: Any = self.network.eval()
+        with torch.inference_mode():
+            kernels: list[Kernel] = network.kernels()
+            return kernels
+
+    @cached_property
+    def _beta(self) -> float:
+        network: Any = self.network
+        return float(network.log_beta.exp().item())
 
 
 def decode_local(observation: Any, shape: tuple[int, int]) -> DecodedObservation:

@@ -24,7 +24,11 @@ from agents.networks.map_network import (
     pack_network,
     unpack_network,
 )
-from agents.networks.planner import dijkstra_search, value_iteration
+from agents.networks.planner import (
+    dijkstra_search,
+    value_iteration,
+    value_iteration_over_cells,
+)
 from agents.policies.explorer_policy import Explorer, decode_local
 
 
@@ -124,12 +128,13 @@ def test_a_search_for_one_cell_of_each_map_is_exact_as_far_as_from_there():
     whole = value_iteration(moves, is_goal)
     np.testing.assert_allclose(whole, dijkstra_search(moves, is_goal).float(), rtol=1e-5)
     for cells in (goals, (goals + 35) % 900, torch.randint(900, (12,), generator=rng)):
-        found = value_iteration(moves, is_goal, cells=cells)
+        found = value_iteration_over_cells(cost, is_goal, cells)
         reach = whole.flatten(1).gather(1, cells[:, None])[..., None]
         is_near = whole <= reach
         assert torch.equal(found[is_near], whole[is_near])
         assert (found >= whole).all()
-    assert not torch.equal(value_iteration(moves, is_goal, cells=goals), whole)  # it ended sooner
+    early = value_iteration_over_cells(cost, is_goal, goals)
+    assert not torch.equal(early, whole)  # it ended sooner
 
 
 def test_a_robot_takes_the_first_of_the_best_moves_of_its_plan():

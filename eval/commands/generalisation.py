@@ -106,7 +106,7 @@ def main(
         sizes: dict[Track, int] = {"map": num_scenes, "local": local_scenes}
         facts = facts_of(sizes)
         shown: TrackFacts = {
-            track: {name: facts[name, scenes_of(name, track, size)] for name in PAGE_SETS}
+            track: {name: facts[name, scenes_of(name, size)] for name in PAGE_SETS}
             for track, size in sizes.items()
         }
         if drop_rows and not keep_rows:
@@ -163,9 +163,7 @@ def _drop(record: dict[str, Any], names: tuple[str, ...]) -> None:
 
 def facts_of(sizes: Mapping[Track, int]) -> dict[tuple[str, int], SetFacts]:
     """Of all sets in the numbers of scenes that the tracks play."""
-    asked = [
-        (name, scenes_of(name, track, size)) for name in PAGE_SETS for track, size in sizes.items()
-    ]
+    asked = [(name, scenes_of(name, size)) for name in PAGE_SETS for size in sizes.values()]
     return {each: SetFacts.of(page_scene_set(*each)) for each in dict.fromkeys(asked)}
 
 

@@ -20,15 +20,6 @@ Track = Literal["map", "local"]
 SCENES = 1000  # of a frozen set
 LARGE_SCENES = 20
 DRAWN_ANEW = {"test": 2000, "ood-clutter": 3000}  # where frozen sets tell no small differences
-# Fewer in the local track, where every step costs a plan: of large maps, and of families, of which
-# there are many.
-LOCAL_SCENES = {
-    "ood-size": 400,
-    "ood-rooms": 250,
-    **{f"ood-{name}": 250 for name in FAMILIES},
-    "160x160": 5,
-    "160x160-maze": 5,
-}
 ANEW_SEED = 200  # and the split's number: of scenes drawn anew
 WALL_DETOURS = tuple(range(8, 161, 8))  # metres: of the ways around single walls
 _LARGE_FRAME = (160, 160)
@@ -49,14 +40,11 @@ class PageSet:
         Its first scenes, so many.
     most
         How many there are.
-    local
-        How many the local track plays, where every step costs a plan over the map.
     """
 
     what: str
     build: Callable[[int], SceneSet]
     most: int = SCENES
-    local: int = SCENES
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,8 +199,7 @@ _USUAL = {
 
 
 def _split(name: str, what: str) -> PageSet:
-    local = LOCAL_SCENES.get(name, SCENES)
-    return PageSet(what=what, build=partial(build_scene_set, name), local=local)
+    return PageSet(what=what, build=partial(build_scene_set, name))
 
 
 PAGE_SETS: Mapping[str, PageSet] = {
@@ -223,7 +210,6 @@ PAGE_SETS: Mapping[str, PageSet] = {
             what=f"of the kind of {name}, from other seeds",
             build=partial(anew, name),
             most=size,
-            local=size,
         )
         for name, size in DRAWN_ANEW.items()
     },
@@ -231,13 +217,11 @@ PAGE_SETS: Mapping[str, PageSet] = {
         what="four times the sides, and as many boxes for the area",
         build=large_scene_set,
         most=LARGE_SCENES,
-        local=LOCAL_SCENES["160x160"],
     ),
     "160x160-maze": PageSet(
         what="mazes of four times the sides",
         build=large_maze_set,
         most=LARGE_SCENES,
-        local=LOCAL_SCENES["160x160-maze"],
     ),
     "walls": PageSet(
         what="one wall, and a way around it of 8, 16, ... 160 m",
@@ -258,7 +242,6 @@ def page_scene_set(name: str, scenes: int) -> SceneSet:
     return PAGE_SETS[name].build(scenes)
 
 
-def scenes_of(name: str, track: Track, scenes: int) -> int:
-    """How many scenes of a set a track plays where so many are asked for."""
-    chosen = PAGE_SETS[name]
-    return min(scenes, chosen.most, chosen.local if track == "local" else chosen.most)
+def scenes_of(name: str, scenes: int) -> int:
+    """How many scenes of a set are played where so many are asked for."""
+    return min(scenes, PAGE_SETS[name].most)

@@ -250,10 +250,8 @@ class Policy:
         """What it plays, by the name of a set. A policy of SB3 sees maps of one size."""
         found = {}
         for name in self.sets:
-            count = scenes_of(name, self.track, sizes[self.track])
-            frames = [
-                facts[each, scenes_of(each, "map", sizes["map"])].shape for each in ("test", name)
-            ]
+            count = scenes_of(name, sizes[self.track])
+            frames = [facts[each, scenes_of(each, sizes["map"])].shape for each in ("test", name)]
             if self.algorithm != "map_ppo" or frames[0] == frames[1]:
                 found[name] = Trial(self.source, self.model, name, count)
 

@@ -123,7 +123,7 @@ def small(monkeypatch, tmp_path):
         monkeypatch.delitem(PAGE_SETS, name)
     for name, each in PAGE_SETS.items():
         if name != "paper":
-            few = PageSet(what=each.what, build=build(name), most=each.most, local=each.local)
+            few = PageSet(what=each.what, build=build(name), most=each.most)
             monkeypatch.setitem(PAGE_SETS, name, few)
 
     monkeypatch.setattr(generalisation, "MODELS", tmp_path / "no models")
@@ -177,7 +177,7 @@ def test_page_tells_what_each_entrant_did_on_each_set(monkeypatch, small, runs, 
         np.mean([each.spl - rival.spl for each in by_hand]), abs=1e-5
     )
     sizes = [record["sets"][track]["160x160"]["scenes"] for track in ("map", "local")]
-    assert sizes == [8, 5]
+    assert sizes == [8, 6]
     assert [each["target_db"] for each in explorer["paper"]] == list(PAPER_TARGETS_DB)
     untrained = told["explorer, untrained", None]["sets"]
     assert found["over_untrained"]["value"] == pytest.approx(

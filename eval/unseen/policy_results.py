@@ -106,7 +106,7 @@ def family_left_out(split: str) -> str | None:
 
 def learned_on(split: str) -> str:
     """A split to learn on, in words."""
-    members = members_of(split)
+    members = list(dict.fromkeys(members_of(split)))
     if "train" not in members:
         return ", ".join(each.removeprefix("train-") for each in members)
 

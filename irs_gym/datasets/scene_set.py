@@ -364,13 +364,13 @@ def build_scene_set(
     folder = cache_folder() if cache is None else Path(cache)
     members = members_of(split)
     if len(members) > 1:
-        counts = [len(range(n, int(count), len(members))) for n in range(len(members))]
-        each = [
-            build_scene_set(member, own, jobs=jobs, progress=progress, cache=cache)
-            for member, own in zip(members, counts, strict=True)
-            if own
-        ]
-        return _in_turn(each, split_of(split).frame)
+        turns = np.resize(members, int(count))  # whose scene each is
+        each = {
+            member: build_scene_set(member, own, jobs=jobs, progress=progress, cache=cache)
+            for member in dict.fromkeys(members)
+            if (own := int((turns == member).sum()))
+        }
+        return _in_turn(each, turns, split_of(split).frame)
 
     shard = build_shards(split, int(count), jobs=jobs, progress=progress, folder=folder)
     texts = shard.texts.tolist()
@@ -422,11 +422,15 @@ def _for_robot(pool: SceneSet, robot: Robot) -> SceneSet:
     return _without(fitted, np.isinf(fitted.oracle_distance))
 
 
-def _in_turn(pools: Sequence[SceneSet], frame: tuple[int, int]) -> SceneSet:
-    """The first scene of each set, the second of each, and so on, in one frame."""
-    each = [_framed(pool, np.arange(len(pool)), frame) for pool in pools]
-    turns = np.concatenate([np.arange(len(pool)) for pool in each])
-    order = np.argsort(turns, kind="stable").tolist()
+def _in_turn(
+    pools: Mapping[str, SceneSet], turns: NDArray[np.str_], frame: tuple[int, int]
+) -> SceneSet:
+    """The scenes of sets in one frame: of each in the order that they have there, and one set after
+    the other as the turns have it.
+    """
+    each = [_framed(pool, np.arange(len(pool)), frame) for pool in pools.values()]
+    places = np.concatenate([np.flatnonzero(turns == name) for name in pools])
+    order = np.argsort(places).tolist()
     arrays = {
         name: np.concatenate([getattr(pool, name) for pool in each])[order]
         for name in ("target_db", "gain_db", "distance_to_go", "irs", "start", "goal")

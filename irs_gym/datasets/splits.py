@@ -1,6 +1,7 @@
 """`SPLITS`: the sets of generated scenes that agents are trained and tested on."""
 
 import json
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
@@ -15,6 +16,7 @@ from irs_gym.radio.scene import Scene
 
 TRAINING = 1000  # numbers from here on, and 0, are those of sets to learn on
 _DIGITS = 8  # of a scene's SHA-256 that are kept of the frozen sets
+_PART = re.compile(r"(?:(?P<times>[1-9][0-9]?)\*)?(?P<name>.*)", re.DOTALL)  # of joined sets
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +100,8 @@ SPLITS = {
 def split_of(name: str) -> Split:
     """A split by its name; a ``ValueError`` lists all for an unknown one.
 
-    Sets to learn on may be joined, "train+train-maze": scenes are those of each in turn.
+    Sets to learn on may be joined, "train+train-maze": scenes are those of each in turn, of
+    "2*train+train-maze" two of the first and then one of the second.
     """
     members = members_of(name)
     unknown = [each for each in members if not isinstance(each, str) or each not in SPLITS]
@@ -108,18 +111,27 @@ def split_of(name: str) -> Split:
     each = [SPLITS[member] for member in members]
     if len(each) == 1:
         return each[0]
-    if len({*members}) < len(members) or any(one.is_frozen for one in each):
+    if len({*members}) == 1 or any(one.is_frozen for one in each):
         raise ValueError(f"split={name!r} must join different sets to learn on")
 
     columns, rows = zip(*(one.frame for one in each), strict=True)
-    size = len(each) * min(one.size for one in each)
+    turns = min(SPLITS[member].size // members.count(member) for member in members)
+    size = len(members) * turns
 
     return Split(number=0, size=size, frame=(max(columns), max(rows)))
 
 
 def members_of(name: str) -> tuple[str, ...]:
-    """The names of the splits that are joined, in order; one alone is its own."""
-    return tuple(name.split("+")) if isinstance(name, str) else (name,)
+    """The names of the splits that are joined, each as often as a turn has scenes of it, in order;
+    one alone is its own.
+    """
+    if not isinstance(name, str):
+        return (name,)
+
+    parts = [_PART.match(part) for part in name.split("+")]
+    each = [[part["name"]] * int(part["times"] or 1) for part in parts if part]
+
+    return tuple(member for members in each for member in members)
 
 
 def all_but(family: str) -> str:
@@ -149,7 +161,10 @@ def solved_scene_of(split: str, index: int) -> SolvedScene:
 
     members = members_of(split)
     if len(members) > 1:
-        return solved_scene_of(members[index % len(members)], index // len(members))
+        turn, place = divmod(index, len(members))
+        member = members[place]
+        own = turn * members.count(member) + members[:place].count(member)
+        return solved_scene_of(member, own)
 
     # a seed of its own for each scene, so that any one can be drawn without those before it
     rng = np.random.default_rng((VERSION, chosen.number, index))

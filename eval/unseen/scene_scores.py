@@ -30,6 +30,7 @@ from irs_gym.datasets.splits import FAMILIES
 from irs_gym.files import read_arrays, write_file
 
 RIVALS = {"untrained_explorer": "over_untrained", "replanning": "over_replanning"}
+IN_THESE = "_in_these_scenes"  # behind the name of a difference: its interval is over seeds alone
 MEAN = "families"  # over all of them, in place of a set's name
 FAMILY_SETS = tuple(f"ood-{name}" for name in FAMILIES)
 TOP = 65535  # of an SPL in the file: a path as short as the oracle's
@@ -189,10 +190,9 @@ class SceneScores:
         return {
             "spl": estimate_as_json(crossed_mean(table, SCORE)),
             "success": estimate_as_json(success_rate(won)),
-            **{
-                over: estimate_as_json(crossed_mean(table - self._mean_table(rival), _DIFFERENCE))
-                for over, rival in rivals.items()
-            },
+            **_differences(
+                table, {over: self._mean_table(rival) for over, rival in rivals.items()}
+            ),
         }
 
     def _mean_table(self, entrant: Mapping[str, Any], *, successes: bool = False) -> Floats:
@@ -252,7 +252,9 @@ def key_of(entrant: Mapping[str, Any]) -> str:
 def results_of(
     spl: Floats, is_hard: NDArray[np.bool_], rivals: Mapping[str, Floats]
 ) -> dict[str, Any]:
-    """Figures of SPL ``(seeds, scenes)``, with intervals over seeds and scenes."""
+    """Figures of SPL ``(seeds, scenes)``, with intervals over seeds and scenes; of differences,
+    over seeds alone as well.
+    """
     found = {}
 
     for label, chosen in (("all", np.ones_like(is_hard)), ("hard", is_hard)):
@@ -271,11 +273,23 @@ def results_of(
             "spl_by_seed": part.mean(axis=1).tolist(),
             "exact": float((part >= 1.0 - _EXACT).mean()),
             "ratio": float(np.mean(ratios)) if ratios else None,
-            **{
-                name: estimate_as_json(crossed_mean(part - theirs[:, chosen], _DIFFERENCE))
-                for name, theirs in rivals.items()
-            },
+            **_differences(part, {name: theirs[:, chosen] for name, theirs in rivals.items()}),
         }
+
+    return found
+
+
+def _differences(spl: Floats, rivals: Mapping[str, Floats]) -> dict[str, Any]:
+    """Mean differences of SPL ``(seeds, scenes)`` by the name of each: over other seeds and scenes
+    and, where there are seeds, over other seeds in these very scenes.
+    """
+    found = {}
+
+    for name, theirs in rivals.items():
+        less = spl - theirs  # (seeds, scenes)
+        found[name] = estimate_as_json(crossed_mean(less, _DIFFERENCE))
+        if len(less) > 1:
+            found[name + IN_THESE] = estimate_as_json(estimate(less, within=_DIFFERENCE))
 
     return found
 

@@ -12,12 +12,13 @@ from typing import Any
 from eval.estimates import estimate_cell
 from eval.markdown import table, text
 from eval.unseen.page_sets import PAGE_SETS
-from eval.unseen.scene_scores import FAMILY_SETS, MEAN, RIVALS
+from eval.unseen.scene_scores import FAMILY_SETS, IN_THESE, MEAN, RIVALS
 
 Entrant = Mapping[str, Any]
 SIDE_BY_SIDE = 5  # policies in a table of scores
 DIFFERENCES = 6  # in a table
 NOTHING = "–"
+_IN_THESE = RIVALS["untrained_explorer"] + IN_THESE
 MEAN_TITLE = "*eight families, mean*"
 
 
@@ -73,6 +74,20 @@ def difference_tables(entrants: Sequence[Entrant]) -> str:
         if each["seeds"] or (each["algorithm"], over) == ("untrained_explorer", "over_replanning")
     ]
     return "\n\n".join(_over_sets(part) for part in _parts(columns, DIFFERENCES))
+
+
+def frozen_table(entrants: Sequence[Entrant]) -> str:
+    """Differences in SPL from the untrained explorer of what learned with several seeds, with
+    intervals that hold in these very scenes.
+    """
+    shown = [each for each in entrants if each["family"] is None]
+    columns = [
+        Column(_title(each, shown), each["sets"], partial(_difference, each, _IN_THESE))
+        for each in shown
+        if len(each["seeds"]) > 1
+    ]
+    parts = [_over_sets(part) for part in _parts(columns, DIFFERENCES)]
+    return "\n\n".join(parts) or "No policy has several seeds on the page yet."
 
 
 def clear_table(entrants: Sequence[Entrant], left_out: Sequence[Mapping[str, Any]]) -> str:

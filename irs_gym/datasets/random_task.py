@@ -46,7 +46,8 @@ class RandomTask:
     """
 
     split: str = "train"
-    """Which generated scenes: one of `irs_gym.datasets.splits.SPLITS`."""
+    """Which generated scenes: one of `irs_gym.datasets.splits.SPLITS`, or sets to learn on joined
+    (`irs_gym.datasets.splits.split_of`)."""
     num_scenes: int = 1000
     """How many of the split's, from the first on."""
     scenes: str | Path | Sequence[Scene | Mapping[str, Any]] | SceneSet | None = None

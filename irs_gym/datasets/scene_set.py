@@ -334,7 +334,7 @@ def build_scene_set(
     Parameters
     ----------
     split
-        See `irs_gym.datasets.splits.SPLITS`; sets to learn on may be joined by a plus.
+        See `irs_gym.datasets.splits.split_of`; sets to learn on may be joined by a plus.
     num_scenes
         Scenes from the first on; 1,000 by default.
     jobs

@@ -115,7 +115,7 @@ def split_of(name: str) -> Split:
         raise ValueError(f"split={name!r} must join different sets to learn on")
 
     columns, rows = zip(*(one.frame for one in each), strict=True)
-    turns = min(SPLITS[member].size // members.count(member) for member in members)
+    turns = min(SPLITS[member].size // members.count(member) for member in {*members})
     size = len(members) * turns
 
     return Split(number=0, size=size, frame=(max(columns), max(rows)))

@@ -189,6 +189,24 @@ def test_joined_sets_give_their_scenes_in_turn_in_a_frame_that_holds_all(tmp_pat
     assert np.isneginf(joined.gain_db[1, 40:]).all()
 
 
+def test_joined_sets_may_have_shares(tmp_path):
+    split = "3*train-trap+train-maze+train-racks"
+    joined = build_scene_set(split, 7, jobs=1, cache=tmp_path)
+    assert joined.names == (
+        *("train-trap-0", "train-trap-1", "train-trap-2", "train-maze-0", "train-racks-0"),
+        *("train-trap-3", "train-trap-4"),
+    )
+    for n, name in enumerate(joined.names):
+        assert joined.scenes[n].name == name == scene_of(split, n).name
+    assert scene_of(split, 12).name == "train-trap-8"
+    traps = build_scene_set("train-trap", 5, jobs=1, cache=tmp_path)
+    np.testing.assert_array_equal(joined.gain_db[[0, 1, 2, 5, 6]], traps.gain_db)
+
+    # of a million, three in each turn
+    assert split_of(split).size == 5 * 333_333
+    assert split_of("train-trap+train-maze+train-trap").size == 3 * 500_000
+
+
 def test_all_families_but_one_may_be_learned_on():
     members = all_but("maze").split("+")
     assert len(members) == len(FAMILIES)
@@ -196,7 +214,14 @@ def test_all_families_but_one_may_be_learned_on():
     assert split_of(all_but("hall")).frame == (40, 40)
 
 
-@pytest.mark.parametrize("name", ["train+test", "train+train", "train+", "train+castle"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("train+test", "train+train", "train+", "train+castle"),
+        *("2*train", "2*train+train", "2*test", "2*test+train", "2*train+", "2*"),
+        *("0*train+train-maze", "100*train+train-maze", "-1*train+train-maze", "2*2*train+train"),
+    ],
+)
 def test_what_cannot_be_learned_on_cannot_be_joined(name):
     with pytest.raises(ValueError, match="split="):
         split_of(name)

@@ -237,7 +237,7 @@ def test_what_agents_learned_on_in_words():
     assert learned_on("+".join(["train", *(f"train-{name}" for name in FAMILIES)])) == "all kinds"
     without = ["train", *(f"train-{name}" for name in FAMILIES if name not in ("hall", "aps"))]
     assert learned_on("+".join(without)) == "all kinds but hall and aps"
-    assert learned_on("train+train-maze") == "usual, maze"
+    assert learned_on("train+train-maze") == learned_on("3*train+train-maze") == "usual, maze"
     assert learned_on("train-maze+train-hall") == "maze, hall"
     assert [family_left_out(all_but(name)) for name in FAMILIES] == list(FAMILIES)
     assert family_left_out("train") is None
@@ -349,6 +349,15 @@ def test_figures_of_scores_in_the_scenes_by_hand():
     assert whole["ratio"] == pytest.approx(((1 + 2 + 1.25) / 3 + (1 + 2 + 2 + 1) / 4) / 2)
     assert whole["exact"] == 3 / 8
     assert whole["over_replanning"]["value"] == pytest.approx(5.3 / 8 - 0.5)
+
+    # in these very scenes the two means alone are draws: 0.575 and 0.75, less 0.5
+    here = whole["over_replanning_in_these_scenes"]
+    half = 12.7062 * abs(0.75 - 0.575) / 2  # Student's quantile of one degree of freedom
+    assert here["value"] == pytest.approx(whole["over_replanning"]["value"])
+    assert here["interval"] == pytest.approx([max(0.1625 - half, -1.0), min(0.1625 + half, 1.0)])
+    alone = results_of(spl[:1], is_hard, {"over_replanning": rival})["all"]
+    assert "over_replanning" in alone
+    assert "over_replanning_in_these_scenes" not in alone
     assert hard["success"]["value"] == 3 / 4
     assert set(results_of(spl, np.zeros(4, bool), {})) == {"all"}
 

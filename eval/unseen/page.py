@@ -18,12 +18,12 @@ from eval.unseen.set_tables import (
     NOTHING,
     clear_table,
     difference_tables,
-    frozen_table,
     left_out_tables,
     score_cell,
     shipped_tables,
     spl_tables,
     success_table,
+    these_scenes_table,
     whole_number,
 )
 
@@ -58,7 +58,7 @@ def unseen_page(record: Mapping[str, Any], figures: str) -> str:
         local_spl=spl_tables(local),
         local_success=success_table(local),
         differences=difference_tables(local),
-        in_these_scenes=frozen_table(local),
+        in_these_scenes=these_scenes_table(local),
         left_out_families=left_out_tables(left_out, local, "local"),
         clear=clear_table(local, left_out),
         shipped=shipped_tables(record["shipped"], record["entrants"]),

@@ -18,7 +18,7 @@ Entrant = Mapping[str, Any]
 SIDE_BY_SIDE = 5  # policies in a table of scores
 DIFFERENCES = 6  # in a table
 NOTHING = "–"
-_IN_THESE = RIVALS["untrained_explorer"] + IN_THESE
+_SHOWN_IN_THESE = RIVALS["untrained_explorer"] + IN_THESE  # of differences
 MEAN_TITLE = "*eight families, mean*"
 
 
@@ -76,13 +76,13 @@ def difference_tables(entrants: Sequence[Entrant]) -> str:
     return "\n\n".join(_over_sets(part) for part in _parts(columns, DIFFERENCES))
 
 
-def frozen_table(entrants: Sequence[Entrant]) -> str:
+def these_scenes_table(entrants: Sequence[Entrant]) -> str:
     """Differences in SPL from the untrained explorer of what learned with several seeds, with
     intervals that hold in these very scenes.
     """
     shown = [each for each in entrants if each["family"] is None]
     columns = [
-        Column(_title(each, shown), each["sets"], partial(_difference, each, _IN_THESE))
+        Column(_title(each, shown), each["sets"], partial(_difference, each, _SHOWN_IN_THESE))
         for each in shown
         if len(each["seeds"]) > 1
     ]

@@ -18,7 +18,6 @@ Entrant = Mapping[str, Any]
 SIDE_BY_SIDE = 5  # policies in a table of scores
 DIFFERENCES = 6  # in a table
 NOTHING = "–"
-_SHOWN_IN_THESE = RIVALS["untrained_explorer"] + IN_THESE  # of differences
 MEAN_TITLE = "*eight families, mean*"
 
 
@@ -81,8 +80,9 @@ def these_scenes_table(entrants: Sequence[Entrant]) -> str:
     intervals that hold in these very scenes.
     """
     shown = [each for each in entrants if each["family"] is None]
+    over = RIVALS["untrained_explorer"] + IN_THESE
     columns = [
-        Column(_title(each, shown), each["sets"], partial(_difference, each, _SHOWN_IN_THESE))
+        Column(_title(each, shown), each["sets"], partial(_difference, each, over))
         for each in shown
         if len(each["seeds"]) > 1
     ]

@@ -16,7 +16,7 @@ from irs_gym.radio.scene import Scene
 
 TRAINING = 1000  # numbers from here on, and 0, are those of sets to learn on
 _DIGITS = 8  # of a scene's SHA-256 that are kept of the frozen sets
-_PART = re.compile(r"(?:(?P<times>[1-9][0-9]?)\*)?(?P<name>.*)", re.DOTALL)  # of joined sets
+_SHARE = re.compile(r"([1-9][0-9]?)\*(.+)")  # of a turn, in the name of joined sets
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,14 +108,14 @@ def split_of(name: str) -> Split:
     if unknown:
         raise ValueError(f"split={unknown[0]!r} must be one of {tuple(SPLITS)}")
 
-    each = [SPLITS[member] for member in members]
-    if len(each) == 1:
-        return each[0]
-    if len({*members}) == 1 or any(one.is_frozen for one in each):
+    each = {member: SPLITS[member] for member in members}
+    if len(members) == 1:
+        return each[members[0]]
+    if len(each) == 1 or any(one.is_frozen for one in each.values()):
         raise ValueError(f"split={name!r} must join different sets to learn on")
 
-    columns, rows = zip(*(one.frame for one in each), strict=True)
-    turns = min(SPLITS[member].size // members.count(member) for member in {*members})
+    columns, rows = zip(*(one.frame for one in each.values()), strict=True)
+    turns = min(one.size // members.count(member) for member, one in each.items())
     size = len(members) * turns
 
     return Split(number=0, size=size, frame=(max(columns), max(rows)))
@@ -128,10 +128,13 @@ def members_of(name: str) -> tuple[str, ...]:
     if not isinstance(name, str):
         return (name,)
 
-    parts = [_PART.match(part) for part in name.split("+")]
-    each = [[part["name"]] * int(part["times"] or 1) for part in parts if part]
+    members: list[str] = []
+    for part in name.split("+"):
+        found = _SHARE.fullmatch(part)
+        times, member = found.groups() if found else (1, part)
+        members += [member] * int(times)
 
-    return tuple(member for members in each for member in members)
+    return tuple(members)
 
 
 def all_but(family: str) -> str:

@@ -410,7 +410,7 @@ def test_sweeps_over_families_leave_each_out_of_what_its_agents_learn_on(name):
 
 
 def test_curriculum_goes_from_usual_factories_to_those_where_walls_decide():
-    usual = Plan.load(SWEEPS / "generalisation.toml")
+    usual = Plan.load(SWEEPS / "generalisation-explorer.toml")
     first = {config.out: config for config in usual.configs()}
     walls = [f"train-{name}" for name, each in FAMILIES.items() if each.family]
     imitation = list(Plan.load(SWEEPS / "generalisation-curriculum.toml").configs())

@@ -144,7 +144,10 @@ class Explorer:
 
     def _plan(self, margin: Floats, cells: Ints, goals: Ints) -> Moves:
         """The moves of paths through maps ``(n, X, Y)``, ``(n, X * Y)``."""
-        network: Any = self.network.eval()
+        network: Any = self.network
+        if network.training:
+            network.eval()
+
         with torch.inference_mode():
             seen = torch.from_numpy(np.ascontiguousarray(margin))
             prices = network.prices(seen, torch.from_numpy(goals), self._kernels)

@@ -2,15 +2,17 @@
 guessed.
 """
 
-import math
-from collections.abc import Sequence
 from copy import deepcopy
+from math import exp, log, log1p, sqrt
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, pad, pixel_shuffle, pixel_unshuffle, softplus
 
+from agents.compiled import compiled
 from agents.networks.map_network import MapPlan
 from agents.networks.planner import neighbours, plan
 from irs_gym.grid import MOVE_LENGTHS
@@ -35,23 +37,33 @@ _DILATIONS = (1, 2, 4, 2, 1)  # in blocks, so that an answer depends on cells up
 # What is read out before it has learned: a logit, the logarithm of a caution by which it makes the
 # prior, and a preference.
 _FIRST_LOGIT = 1.0
-_FIRST_CAUTION = (PRIOR - LEAST_EXTRA) / math.log1p(math.exp(-_FIRST_LOGIT))
+_FIRST_CAUTION = (PRIOR - LEAST_EXTRA) / log1p(exp(-_FIRST_LOGIT))
 _FIRST_PREFERENCE = -2.0
 _MOST_LOG_CAUTION = 20.0  # keeps its exponential finite
 _ANSWERS = 3  # for each cell
-_FIRST_ANSWER = torch.tensor([_FIRST_LOGIT, math.log(_FIRST_CAUTION), _FIRST_PREFERENCE])
+_FIRST_ANSWER = torch.tensor([_FIRST_LOGIT, log(_FIRST_CAUTION), _FIRST_PREFERENCE])
 
 # But for learning, all numbers are whole multiples of such steps.
-_VALUE_STEPS = 128  # in 1
+_VALUE_STEPS = 128.0  # in 1
 _LARGEST_VALUE = 16.0
 _WEIGHT_STEPS = 512.0
 _LARGEST_WEIGHT = 8.0  # and bias
 _PRICE_STEPS = 1024
 _EXACT = 2.0**24  # up to so many steps a sum is exact in single precision, in whatever order
 
-
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int64]
 Kernel = tuple[Tensor, Tensor]
 """Weights ``(O, C, 3, 3)`` and biases ``(O,)`` of a convolution."""
+
+
+class Kernels(NamedTuple):
+    """What the convolutions multiply by: weights, and the biases of all but the last."""
+
+    first: Kernel  # (W, 8, 6, 6), of what is seen
+    hidden: list[Kernel]  # (W, W, 3, 3) each
+    answer: Kernel  # (12, W, 3, 3), of what was found
+    own: Tensor  # (12, 8, 6, 6), of what is seen there
 
 
 class Prices(NamedTuple):
@@ -147,49 +159,45 @@ class ExplorerNetwork(nn.Module):
         """Plan for given costs of the cells; a map's plan is the same in any batch."""
         return plan(costs_of_moves(cost), is_goal, self.log_beta.exp())
 
-    def kernels(self) -> list[Kernel]:
-        """What the convolutions multiply by, the first of them first; but for learning, rounded."""
-        kernels = [_kernel_of(self.first), *map(_kernel_of, self.layers)]
-
+    def kernels(self) -> Kernels:
+        """What the convolutions multiply by; but for learning, rounded."""
         # All cells are read out alike, so that none costs less for its place in a block.
         weight, bias = _kernel_of(self.answer)  # (3, width + 8, 3, 3), for cells
         each = _of_blocks(weight[:, :-_PLANES])  # for each cell of a block, which all are alike
         alike = each.view(len(each), -1, _BLOCK**2, 3, 3).sum(dim=2)
         own = _of_blocks(weight[:, -_PLANES:])
         whole = torch.cat([alike, own], dim=1)  # (12, width + 32, 3, 3)
-        kernels.append((whole, bias.repeat_interleave(_BLOCK**2)))
+        last = whole, bias.repeat_interleave(_BLOCK**2)
 
-        return kernels if self.training else [_exact(*each) for each in kernels]
+        kernels = [_kernel_of(self.first), *map(_kernel_of, self.layers), last]
+        if not self.training:
+            kernels = [_exact(*each) for each in kernels]
 
-    def prices(
-        self, margin: Tensor, goals: Tensor, kernels: Sequence[Kernel] | None = None
-    ) -> Prices:
+        # What multiplies cells by their places in a block, as kernels that go from block to block.
+        (weight, bias), *hidden, (whole, last_bias) = kernels
+        found, own = whole.tensor_split([alike.shape[1]], dim=1)
+
+        return Kernels(
+            first=(pixel_shuffle(weight, _BLOCK), bias),
+            hidden=hidden,
+            answer=(found, last_bias),
+            own=pixel_shuffle(own, _BLOCK),
+        )
+
+    def prices(self, margin: Tensor, goals: Tensor, kernels: Kernels | None = None) -> Prices:
         """What cells cost, of the arguments of `forward`.
 
         Who asks often may hand in `kernels`, which take as long to make for one map as for many.
         """
         columns, rows = margin.shape[1:]
-        is_known = ~margin.isnan()  # (B, X, Y), as the others
-        is_feasible = is_known & (margin >= 0)
-        is_blocked = is_known & (margin < 0)
-        nowhere = torch.zeros_like(is_known).flatten(1)  # (B, X * Y)
-        is_goal = nowhere.scatter_(1, goals[:, None], 1).view_as(is_known)
+        seen = _planes(margin.cpu().contiguous().numpy(), goals.cpu().numpy())
+        planes = torch.from_numpy(seen).to(margin.device).permute(0, 3, 1, 2)
+        answers = self._guess(planes, kernels or self.kernels())[..., :columns, :rows]
+        feasible, log_caution, preference = answers.double().unbind(1)  # (B, X, Y), as the others
 
-        # What the network sees; the ones tell the map from what lies around it.
-        planes = torch.stack(
-            [
-                is_known,
-                margin.nan_to_num(0.0),
-                is_feasible,
-                is_blocked,
-                is_goal,
-                torch.ones_like(is_known),
-                *_directions(goals, (columns, rows)),
-            ],
-            dim=1,
-        )  # (B, 8, X, Y)
-        answers = self._guess(planes, kernels or self.kernels())  # (B, 3, X, Y)
-        feasible, log_caution, preference = answers.double().unbind(1)
+        is_known = ~margin.isnan()
+        is_goal = torch.zeros_like(is_known)
+        is_goal.view(len(goals), -1).scatter_(1, goals[:, None], True)
 
         # A cell not seen costs the more the less likely it is, one that was a little more or less.
         surprise = softplus(-feasible)  # in nats, were it feasible
@@ -197,31 +205,35 @@ class ExplorerNetwork(nn.Module):
         unknown = (LEAST_EXTRA + caution * surprise).clamp(max=MOST_EXTRA)
         extra = torch.where(is_known, KNOWN_EXTRA * preference.sigmoid(), unknown)
         extra = extra if self.training else _in_steps(extra, _PRICE_STEPS, MOST_EXTRA)
-        cost = (1.0 + extra.float()).masked_fill(is_blocked, BLOCKED)
+        cost = (1.0 + extra.float()).masked_fill(margin < 0, BLOCKED)
 
         return Prices(cost, is_goal, answers[:, 0])
 
-    def _rounded(self, values: Tensor) -> Tensor:
-        return values if self.training else _in_steps(values, _VALUE_STEPS, _LARGEST_VALUE)
-
-    def _guess(self, planes: Tensor, kernels: Sequence[Kernel]) -> Tensor:
+    def _guess(self, planes: Tensor, kernels: Kernels) -> Tensor:
         """What the convolutions say of each cell, ``(B, 3, X, Y)``, of planes ``(B, 8, X, Y)``."""
-        columns, rows = planes.shape[2:]
-        whole = pad(planes, (0, -rows % _BLOCK, 0, -columns % _BLOCK))
-        first, *hidden, last = kernels
+        seen = self._rounded(planes * self._unit)
 
-        # Channels lie side by side in memory, which takes a third of the time.
-        blocks = self._rounded(pixel_unshuffle(whole, _BLOCK))  # (B, 32, X / 2, Y / 2)
-        blocks = blocks.contiguous(memory_format=torch.channels_last)
-        found = self._rounded(conv2d(blocks, *first, padding=1).relu())
-        for step, kernel in zip(_DILATIONS, hidden, strict=True):
+        # From cells to blocks, a step each, and those around them: (B, W, X / 2, Y / 2).
+        found = self._rounded(conv2d(seen, *kernels.first, stride=_BLOCK, padding=_BLOCK).relu_())
+        for step, kernel in zip(_DILATIONS, kernels.hidden, strict=True):
             change = conv2d(found, *kernel, padding=step, dilation=step)
-            found = self._rounded(found + change.relu())
+            found = self._rounded(found + change.relu_())
 
-        seen = torch.cat([found, blocks], dim=1)
-        answers = conv2d(seen, *last, padding=1)
+        answers = conv2d(found, *kernels.answer, padding=1)
+        answers += conv2d(seen, kernels.own, stride=_BLOCK, padding=_BLOCK)
+        answers /= self._unit
 
-        return pixel_shuffle(answers, _BLOCK)[..., :columns, :rows]
+        return pixel_shuffle(answers, _BLOCK)
+
+    @property
+    def _unit(self) -> float:
+        """How much 1 is to the convolutions: but for learning, they count steps."""
+        return 1.0 if self.training else _VALUE_STEPS
+
+    def _rounded(self, values: Tensor) -> Tensor:
+        """Cut off and rounded to whole steps, in place; but for learning, as they are."""
+        most = _LARGEST_VALUE * _VALUE_STEPS
+        return values if self.training else values.clamp_(-most, most).round_()
 
 
 def _kernel_of(layer: nn.Module) -> Kernel:
@@ -239,29 +251,53 @@ def _of_blocks(kernel: Tensor) -> Tensor:
     return pixel_unshuffle(cells, _BLOCK)
 
 
-def _directions(goals: Tensor, shape: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """Where the goals lie from each cell: x and y of a vector of length 1, ``(B, X, Y)`` each; of
-    length 0 at the goal.
+@compiled
+def _planes(margin: Floats, goals: Ints) -> Floats:
+    """What the network sees of each cell of maps ``(B, X, Y)``, in the precision of the margins.
+
+    The shape is ``(B, X, Y, 8)``, with cells off the map that make blocks whole: convolutions take
+    a third of the time where channels lie side by side in memory.
     """
-    i = torch.arange(shape[0], device=goals.device)[:, None]  # (X, 1)
-    j = torch.arange(shape[1], device=goals.device)  # (Y,)
-    along_x = ((goals // shape[1])[:, None, None] - i).float()  # (B, X, 1)
-    along_y = ((goals % shape[1])[:, None, None] - j).float()  # (B, 1, Y)
-    length = (along_x.square() + along_y.square()).sqrt().clamp(min=1.0)
+    count, columns, rows = margin.shape
+    shape = (count, columns + columns % _BLOCK, rows + rows % _BLOCK, _PLANES)
+    planes = np.zeros(shape, margin.dtype)
 
-    return along_x / length, along_y / length
+    for n in range(count):
+        goal_i, goal_j = divmod(goals[n], rows)
+
+        for i in range(columns):
+            for j in range(rows):
+                sees = planes[n, i, j]
+                sees[5] = 1.0  # that it is on the map
+
+                value = margin[n, i, j]
+                if not np.isnan(value):
+                    sees[0] = 1.0
+                    sees[1] = value
+                    sees[2 if value >= 0.0 else 3] = 1.0
+
+                # Where the goal is: a vector of length 1.
+                length = np.float32(sqrt((goal_i - i) ** 2 + (goal_j - j) ** 2))
+                if length == 0.0:
+                    sees[4] = 1.0
+                else:
+                    sees[6] = np.float32((goal_i - i) / length)
+                    sees[7] = np.float32((goal_j - j) / length)
+
+    return planes
 
 
-def _exact(weight: Tensor, bias: Tensor) -> tuple[Tensor, Tensor]:
-    """A kernel ``(O, C, 3, 3)`` and its bias, rounded so that no sum of rounded values is: the
-    larger they are, the coarser.
+def _exact(weight: Tensor, bias: Tensor) -> Kernel:
+    """A kernel ``(O, C, 3, 3)`` and its bias, in steps of values, rounded so that no sum of rounded
+    values is: the larger they are, the coarser.
     """
     steps = _WEIGHT_STEPS
     while True:
         rounded = _in_steps(weight, steps, _LARGEST_WEIGHT)
         most = rounded.abs().flatten(1).sum(dim=1) * _LARGEST_VALUE + _LARGEST_WEIGHT
         if most.max() * _VALUE_STEPS * steps <= _EXACT:
-            return rounded, _in_steps(bias, steps * _VALUE_STEPS, _LARGEST_WEIGHT)
+            bias = _in_steps(bias, steps * _VALUE_STEPS, _LARGEST_WEIGHT)
+            return rounded, bias * _VALUE_STEPS
         steps /= 2
 
 

@@ -17,7 +17,7 @@ from torch.nn.functional import pad
 
 from agents.networks.map_network import MapPlan
 from agents.registry import Encoding
-from irs_gym.grid import MOVE_LENGTHS, MOVES, flat_cells, legal_moves
+from irs_gym.grid import MOVES, flat_cells, legal_moves
 from irs_gym.mdp.packing import MARGIN_SCALE_DB
 
 MARGIN_SCALES_DB = (5.0, 1.0, 0.2, 0.04, 0.008)
@@ -152,48 +152,6 @@ def value_iteration(costs: Tensor, is_goal: Tensor, rounds: int | None = None) -
             torch.minimum(to_go, cost + neighbour, out=to_go)
 
         if before is not None and torch.equal(before, to_go):
-            break
-
-    return to_go.clone()
-
-
-def value_iteration_over_cells(cost: Tensor, is_goal: Tensor, cells: Tensor) -> Tensor:
-    """`value_iteration` where a move costs its length times what the cell ahead does, ``(B, X,
-    Y)``: to the same digits, in two thirds of the time.
-
-    With a flat cell of each map, ``(B,)``, the rounds end as soon as no cell changes from which it
-    costs no more to go: what costs as much or less is exact then, and the rest too much if
-    anything.
-    """
-    straight, diagonal = (
-        pad(cost * length, (1, 1, 1, 1)) for length in sorted({*MOVE_LENGTHS.tolist()})
-    )  # (B, X + 2, Y + 2), of entering each cell
-    padded = pad(torch.where(is_goal, 0.0, UNREACHED).to(cost), (1, 1, 1, 1), value=UNREACHED)
-    to_go = padded[:, 1:-1, 1:-1]  # (B, X, Y), a view, as in `value_iteration`
-    ahead = torch.empty_like(padded)
-    across = torch.empty_like(padded[:, 1:-1])
-    least, other = torch.empty_like(to_go), torch.empty_like(to_go)
-
-    for done in range(1, is_goal[0].numel() + 1):
-        before = to_go.clone() if done % _ROUNDS_PER_CHECK == 0 else None
-        torch.add(padded, straight, out=ahead)
-        torch.minimum(ahead[:, :-2, 1:-1], ahead[:, 2:, 1:-1], out=least)
-        torch.minimum(ahead[:, 1:-1, :-2], ahead[:, 1:-1, 2:], out=other)
-        torch.minimum(least, other, out=least)
-        torch.minimum(to_go, least, out=to_go)
-
-        # The least of two opposite cells along x, then of two such pairs along y.
-        torch.add(padded, diagonal, out=ahead)
-        torch.minimum(ahead[:, :-2], ahead[:, 2:], out=across)
-        torch.minimum(across[:, :, :-2], across[:, :, 2:], out=least)
-        torch.minimum(to_go, least, out=to_go)
-
-        if before is None:
-            continue
-
-        is_changed = before != to_go
-        is_changed &= to_go <= to_go.flatten(1).gather(1, cells[:, None])[..., None]
-        if not is_changed.any():
             break
 
     return to_go.clone()

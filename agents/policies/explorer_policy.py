@@ -12,17 +12,17 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.networks.explorer import BLOCKED, Kernel
-from agents.networks.map_network import first_of_best, pack_network
-from agents.networks.planner import UNREACHED, value_iteration_over_cells
+from agents.networks.explorer import Kernels
+from agents.networks.map_network import TIE, pack_network
 from agents.policies.belief_map import BeliefMap, windows
-from irs_gym.grid import MOVE_LENGTHS, MOVES, cells_at, flat_cells, octile_distance
+from agents.policies.path_plan import OFF_PATH, Moves, are_cut_off, plan_paths
+from irs_gym.grid import cells_at
 from irs_gym.mdp.packing import DecodedObservation, Packing
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-_BATCH = 16  # maps in work at a time
+_BATCH = 32  # maps in work at a time
 
 PLAN_STEPS = 3
 """Steps for which a plan holds, if not a cell of its way turns out to be closed: with more of them
@@ -40,22 +40,18 @@ class ExplorerState:
         What they have seen.
     goals
         Flat cells ``(n,)``.
-    cost, to_go
-        Of the latest plan of each, float32 ``(n, X + 2, Y + 2)``: what it costs to enter each cell,
-        and to go from it to the goal; out of reach in the border around the map.
-    reach
-        float32 ``(n,)``: cells from which it costs more to go may be said to cost too much.
+    moves
+        int8, shape ``(n, X * Y)``: those of their paths, as `agents.policies.path_plan.plan_paths`
+        has them.
     age
-        Steps that each has taken by it, ``(n,)``.
+        Steps that each has taken by its plan, ``(n,)``.
     has_news
         Whether it has seen a cell since that it had not seen before, bool ``(n,)``.
     """
 
     belief: BeliefMap
     goals: Ints
-    cost: Floats
-    to_go: Floats
-    reach: Floats
+    moves: Moves
     age: Ints
     has_news: Bools
 
@@ -113,29 +109,24 @@ class Explorer:
         age = old.age + 1
         has_news = old.has_news | is_new.any(axis=(1, 2))
 
-        # A plan holds until it is out of date, does not reach where the robot is, or is cut off.
-        cost, to_go, reach = old.cost.copy(), old.to_go.copy(), old.reach.copy()
+        # A plan holds until it is out of date, or leads elsewhere, or is cut off.
+        moves = old.moves
         robots = np.arange(len(at))
-        here = (robots, *(cells.T + 1))  # the robots' cells in their frames
-        is_over = (to != old.goals) | (to_go[here] > reach) | (has_news & (age >= PLAN_STEPS))
+        is_over = (to != old.goals) | (moves[robots, at] < 0) | (has_news & (age >= PLAN_STEPS))
         is_closed = is_new & (patches < 0) & ~is_over[:, None, None]
-        is_over |= self._is_cut_off(cells, cost, to_go, is_closed)
+        is_over |= are_cut_off(moves.reshape(-1, *self.shape), at, is_closed)
         needs_plan = np.flatnonzero(is_over)
         age[needs_plan] = 0
         has_news[needs_plan] = False
+        if len(needs_plan):
+            moves = moves.copy()
 
-        # Those with as far to go are planned for together, as they take as many rounds.
-        apart = octile_distance(cells[needs_plan] - cells_at(to[needs_plan], self.shape))
-        needs_plan = needs_plan[np.argsort(apart, kind="stable")]
         for first in range(0, len(needs_plan), _BATCH):
             part = needs_plan[first : first + _BATCH]
-            inner = part, slice(1, -1), slice(1, -1)
-            cost[inner], to_go[inner] = self._plan(belief.maps[part], to[part], at[part])
+            moves[part] = self._plan(belief.maps[part], at[part], to[part])
 
-        reach[needs_plan] = to_go[here][needs_plan]
-        actions = self._likeliest(robots, cells, cost, to_go)
-
-        state = ExplorerState(belief, to, cost, to_go, reach, age, has_news)
+        actions = moves[robots, at].astype(np.int64)
+        state = ExplorerState(belief, to, moves, age, has_news)
         return actions.reshape(decoded.cell.shape), state
 
     def save(self, file: IO[bytes]) -> None:
@@ -143,68 +134,32 @@ class Explorer:
         file.write(pack_network("explorer", self.settings, self.network))
 
     def _blank(self, robots: int, radius: int) -> ExplorerState:
-        framed = (robots, self.shape[0] + 2, self.shape[1] + 2)
         return ExplorerState(
             belief=BeliefMap.nothing(robots, self.shape, radius),
             goals=np.full(robots, _NOWHERE),
-            cost=np.full(framed, BLOCKED, dtype=np.float32),
-            to_go=np.full(framed, UNREACHED, dtype=np.float32),
-            reach=np.zeros(robots, dtype=np.float32),
+            moves=np.full((robots, prod(self.shape)), OFF_PATH, dtype=np.int8),
             age=np.zeros(robots, dtype=np.int64),
             has_news=np.zeros(robots, dtype=bool),
         )
 
-    def _plan(self, margin: Floats, goals: Ints, cells: Ints) -> tuple[Floats, Floats]:
-        """What cells cost to enter, and to go on from, ``(n, X, Y)`` each."""
-        network: Any = self.network.eval()
-        margins, to, at = (
-            torch.from_numpy(np.ascontiguousarray(each)) for each in (margin, goals, cells)
-        )
+    def _plan(self, margin: Floats, cells: Ints, goals: Ints) -> Moves:
+        """The moves of paths through maps ``(n, X, Y)``, ``(n, X * Y)``."""
+        network: Any = self.network
+        if network.training:
+            network.eval()
+
         with torch.inference_mode():
-            prices = network.prices(margins, to, self._kernels)
-            to_go = value_iteration_over_cells(prices.cost, prices.is_goal, at)
+            seen = torch.from_numpy(np.ascontiguousarray(margin))
+            prices = network.prices(seen, torch.from_numpy(goals), self._kernels)
 
-        return prices.cost.numpy(), to_go.numpy()
-
-    def _is_cut_off(self, cells: Ints, cost: Floats, to_go: Floats, is_closed: Bools) -> Bools:
-        """Whether the ways of plans from cells ``(n, 2)`` lead, as far as they are in view, through
-        any of those that turn out to be closed, ``(n, 2r+1, 2r+1)`` around them: bool ``(n,)``.
-        """
-        side = is_closed.shape[1]
-        is_cut_off = np.zeros(len(cells), dtype=bool)
-        robots = np.flatnonzero(is_closed.any(axis=(1, 2)))
-        at = np.full((len(robots), 2), side // 2)  # in the patches around their first cells
-
-        for _ in range(side):
-            if not len(robots):
-                break
-
-            here = cells[robots] + at - side // 2
-            at = at + MOVES[self._likeliest(robots, here, cost, to_go)]
-            is_in_view = ((at >= 0) & (at < side)).all(axis=1)
-            robots, at = robots[is_in_view], at[is_in_view]
-
-            is_hit = is_closed[robots, *at.T]
-            is_cut_off[robots[is_hit]] = True
-            robots, at = robots[~is_hit], at[~is_hit]
-
-        return is_cut_off
-
-    def _likeliest(self, robots: Ints, cells: Ints, cost: Floats, to_go: Floats) -> Ints:
-        """The first of the best moves of these robots' plans from cells ``(k, 2)``, ``(k,)``."""
-        frame = cost.shape[1:]
-        ahead = flat_cells(cells + 1, frame)[:, None] + flat_cells(MOVES, frame)  # (k, 8)
-        there = robots[:, None] * prod(frame) + ahead  # in all frames
-        worth = MOVE_LENGTHS.astype(np.float32) * cost.take(there) + to_go.take(there)
-        worse = worth - worth.min(axis=1, keepdims=True)
-
-        return first_of_best(-self._beta * worse, axis=1)
+        # Moves whose logits would be as good as equal are equally good.
+        return plan_paths(prices.cost.contiguous().numpy(), cells, goals, tie=TIE / self._beta)
 
     @cached_property
-    def _kernels(self) -> list[Kernel]:
+    def _kernels(self) -> Kernels:
         network: Any = self.network.eval()
         with torch.inference_mode():
-            kernels: list[Kernel] = network.kernels()
+            kernels: Kernels = network.kernels()
             return kernels
 
     @cached_property

@@ -1,239 +1,214 @@
-"""`plan_path`: a shortest path over open cells, with all that it depends on."""
+"""`plan_paths`: cheapest paths over maps of which every cell has a cost, in compiled code."""
 
-from copy import copy
-from functools import lru_cache
-from math import ceil, floor, inf, prod, sqrt
-from typing import NamedTuple
+from heapq import heappop, heappush
+from math import inf, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
-from irs_gym.grid import MOVE_LENGTHS, MOVES, Cell, cells_at, flat_cells, octile_distance
-from irs_gym.memory import check_memory, freeze, frozen
+from agents.compiled import compiled
+from irs_gym.grid import MOVE_LENGTHS, MOVES
 
 Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
+Moves = NDArray[np.int8]
 
-# Cells by which paths may be longer than expected, in one search after the other.
-_SLACKS = (2.1, 12.0, inf)
-_SIDE = 8  # cells: sides of windows are multiples of this, so that there are few kinds
-_BYTES = 400  # for each cell of a graph of moves, at the most
+OFF_PATH = -1
+WATCHED = -2
 _DIAGONAL = sqrt(2.0) - 1.0  # cells: what a diagonal move is longer by than a straight one
-_ROUNDING = 1e-6  # cells: more than sums of lengths lose
+_MARGIN = 1.001  # sums lose less by rounding, and ties less
 
 
-class PathPlan(NamedTuple):
-    """A shortest path, and what is known after the search for it; all cells are flat."""
+@compiled
+def plan_paths(
+    cost: Floats, starts: Ints, goals: Ints, corner_cutting: bool = True, tie: float = 0.0
+) -> Moves:
+    """A cheapest path over each map, by the first of the best moves in each of its cells.
 
-    cells: Ints  # (D,): from the start to the last before the goal
-    moves: Ints  # (D,): the move in each of them
-    watched: Ints  # cells that it depends on as well: the goal, and those beside diagonal moves
-    bounds: Floats  # (X, Y): in cells, what the distance to go is at the least
-
-
-def plan_path(
-    is_open: Bools,
-    start: Cell,
-    goal: Cell,
-    corner_cutting: bool = True,
-    bounds: Floats | None = None,
-) -> PathPlan:
-    """A shortest path by the first of the best moves in each of its cells.
-
-    A move is worth its length and the distance to go of the cell ahead. Distances are those of
-    `irs_gym.oracle.shortest_path.distance_to_go` to the last digit, sums of floats from the goal
-    outward, so that of moves equally good the same is the first. They are worked out in those cells
-    alone that may lie on a path short enough.
+    A move is worth its length times what the cell ahead costs, and what it costs to go from there.
+    These are sums from the goal outward in the precision of the costs, as Dijkstra's algorithm has
+    them to the last digit, worked out in those cells alone that may lie on a path cheap enough (A*,
+    Hart et al. 1968).
 
     Parameters
     ----------
-    is_open
-        Shape ``(X, Y)``. The start need not be open.
-    start, goal
-        Cells (i, j). From the goal, the path leads out of it and back.
+    cost
+        Of entering each cell, shape ``(n, X, Y)``: 1 at the least, infinite where it is closed. The
+        start need not be open.
+    starts, goals
+        Flat cells ``(n,)``. From the goal, a path leads out of it and back.
     corner_cutting
         As in `irs_gym.grid.legal_moves`.
-    bounds
-        Of an earlier plan with the same goal, when no other cells were closed than are now.
+    tie
+        Moves that are worth as much more than the best are as good.
 
     Returns
     -------
-    The plan; where no path leads to the goal, its only move is 0, in the start.
+    Shape ``(n, X * Y)``: moves in the cells of the paths, `WATCHED` in others that these depend on
+    (the goal and, without corner cutting, those beside diagonal moves), and `OFF_PATH` in the rest.
+    Where no path leads to the goal, its only move is 0, in the start.
     """
-    bounds = _octile_to(goal, is_open.shape) if bounds is None else bounds
-    expected = float(bounds[start])
+    count, columns, rows = cost.shape
+    moves = np.full((count, columns, rows), OFF_PATH, dtype=np.int8)
+    lengths = MOVE_LENGTHS.astype(cost.dtype)
 
-    for slack in _SLACKS:
-        plan = _search(is_open, start, goal, corner_cutting, bounds, expected + slack)
-        if plan is not None:
-            return plan
+    for n in range(count):
+        start = divmod(starts[n], rows)
+        goal = divmod(goals[n], rows)
+        to_go = _search(cost[n], start, goal, corner_cutting, lengths)
+        _follow(moves[n], to_go, cost[n], start, goal, corner_cutting, lengths, tie)
 
-    here = flat_cells(np.array([start]), is_open.shape)
-    return PathPlan(here, np.zeros(1, dtype=np.int64), here[:0], bounds)
+    return moves.reshape(count, -1)
 
 
+@compiled
+def are_cut_off(moves: Moves, cells: Ints, is_closed: Bools) -> Bools:
+    """Whether paths lead on through closed cells, before they first leave what is in view.
+
+    Parameters
+    ----------
+    moves
+        Of `plan_paths`, but as maps ``(n, X, Y)``.
+    cells
+        Flat cells ``(n,)`` of the paths: where robots are.
+    is_closed
+        Shape ``(n, 2r+1, 2r+1)``: the closed cells around them.
+
+    Returns
+    -------
+    Shape ``(n,)``.
+    """
+    count, side, _ = is_closed.shape
+    result = np.zeros(count, dtype=np.bool_)
+
+    for n in range(count):
+        if not is_closed[n].any():
+            continue
+
+        cell = divmod(cells[n], moves.shape[2])
+        at = (side // 2, side // 2)  # in the view
+        for _ in range(side):
+            move = moves[n][cell]
+            if move < 0:
+                break
+
+            cell, at = _ahead(cell, move), _ahead(at, move)
+            if not _is_on_map(at, is_closed.shape[1:]):
+                break
+            if is_closed[n][at]:
+                result[n] = True
+                break
+
+    return result
+
+
+@compiled
 def _search(
-    is_open: Bools, start: Cell, goal: Cell, corner_cutting: bool, bounds: Floats, longest: float
-) -> PathPlan | None:
-    """A plan whose path is no longer; None where there is none."""
-    window = _window(start, goal, longest, is_open.shape)
-    across, along = window
-    shape = (across.stop - across.start, along.stop - along.start)
-    first = (start[0] - across.start) * shape[1] + start[1] - along.start
-    last = (goal[0] - across.start) * shape[1] + goal[1] - along.start
-    if not is_open[goal]:
-        return None
+    cost: Floats,
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    corner_cutting: bool,
+    lengths: Floats,
+) -> Floats:
+    """Costs to go ``(X, Y)``, exact in all cells that may lie on a cheapest path."""
+    to_go = np.full_like(cost, inf)
+    to_go[goal] = 0.0
+    least = inf  # of all ways out of the start
+    heap = [(_octile(goal, start), goal)]
 
-    # No path that is short enough leads through other cells than these.
-    least = bounds[window]  # as all that follows, of the window's cells
-    from_start = _octile_to(start, is_open.shape)[window]
-    is_near = from_start + least <= longest + _ROUNDING
+    while heap:
+        bound, here = heappop(heap)
+        if bound > least * _MARGIN:
+            break
+        if bound > to_go[here] + _octile(here, start):
+            continue  # it is known by now to cost less
 
-    # Moves into closed cells are none, nor are those past them without corner cutting.
-    graph = move_graph(shape)
-    lengths = graph.edges.data.copy()  # (8 * cells,)
-    lengths[graph.into.take(np.flatnonzero(~(is_open[window] & is_near)), axis=0)] = inf
-    if not corner_cutting:
-        lengths[graph.past.take(np.flatnonzero(~is_open[window]), axis=0)] = inf
+        for move in range(8):
+            cell = (here[0] - MOVES[move, 0], here[1] - MOVES[move, 1])
+            if not _is_on_map(cell, cost.shape):
+                continue
 
-    # Moves are symmetric, so that distances from the goal are those to it.
-    edges = copy(graph.edges)
-    edges.data = lengths
-    to_go = dijkstra(edges, indices=[last], min_only=True, limit=longest)  # (cells,)
+            worth = _worth(cell, move, cost, to_go, corner_cutting, lengths)
+            if cell == start:
+                least = min(least, worth)
+            if worth < to_go[cell] and (cost[cell] < inf or cell == start):
+                to_go[cell] = worth
+                heappush(heap, (to_go[cell] + _octile(cell, start), cell))
 
-    # The first of the best moves, in all cells that were reached and at the end in the start.
-    asked = np.append(np.flatnonzero(to_go < inf), first)  # (K,)
-    worth = lengths.reshape(-1, 8)[asked] + to_go[edges.indices.reshape(-1, 8)[asked]]  # (K, 8)
-    best = worth.argmin(axis=1)  # (K,)
-    length = worth[-1, best[-1]]
-    if length > longest or length == inf:
-        return None
-
-    taken = np.zeros(is_near.size, dtype=np.int64)
-    taken[asked] = 8 * asked + best
-    path = np.array(_follow(taken, edges.indices, first, last))  # (D,), edges
-    moves = path % 8
-    cells = _on_map(path // 8, window, is_open.shape)
-    watched = np.array([goal[0] * is_open.shape[1] + goal[1]])
-    if not corner_cutting:
-        is_diagonal = moves % 2 == 1
-        steps = flat_cells(MOVES, is_open.shape)
-        beside = [steps[(moves[is_diagonal] + turn) % 8] for turn in (-1, 1)]
-        watched = np.concatenate([watched, *(cells[is_diagonal] + each for each in beside)])
-
-    # Whatever leaves these cells is longer than that, less the way to them.
-    bounds = bounds.copy()
-    known = np.minimum(to_go.reshape(shape), longest - from_start)
-    bounds[window] = np.maximum(least, known)
-
-    return PathPlan(cells, moves, watched, bounds)
+    return to_go
 
 
-def _follow(taken: Ints, ahead: Ints, first: int, last: int) -> list[int]:
-    """The path that begins in a cell and ends before another, as edges; one is taken in each
-    cell.
-    """
-    # one by one, Python's own numbers are faster than NumPy's
-    edge_of = taken.data
-    cell_of = ahead.data
-    path = [edge_of[first]]
-    while (cell := cell_of[path[-1]]) != last:
-        path.append(edge_of[cell])
+@compiled
+def _follow(
+    moves: Moves,
+    to_go: Floats,
+    cost: Floats,
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    corner_cutting: bool,
+    lengths: Floats,
+    tie: float,
+) -> None:
+    """Write down a path by its moves ``(X, Y)``."""
+    here = start
+    worth = np.empty(8)
 
-    return path
+    for _ in range(cost.size):
+        for move in range(8):
+            worth[move] = _worth(here, move, cost, to_go, corner_cutting, lengths)
+        if worth.min() == inf:
+            moves[here] = 0
+            return
 
+        move = int(np.argmax(worth <= worth.min() + tie))
+        moves[here] = move
+        ahead = _ahead(here, move)
+        if not corner_cutting:
+            for beside in ((here[0], ahead[1]), (ahead[0], here[1])):
+                if moves[beside] == OFF_PATH:
+                    moves[beside] = WATCHED
+        if ahead == goal:
+            break
+        here = ahead
 
-def _window(start: Cell, goal: Cell, longest: float, shape: tuple[int, int]) -> tuple[slice, slice]:
-    """The part of a map that no path between two cells leaves, if it is no longer."""
-    along_x = abs(goal[0] - start[0])
-    along_y = abs(goal[1] - start[1])
-    return (
-        _span(start[0], goal[0], along_y, longest, shape[0]),
-        _span(start[1], goal[1], along_x, longest, shape[1]),
-    )
-
-
-def _span(at: int, to: int, across: int, longest: float, size: int) -> slice:
-    """The cells along one axis that such paths come to, where both ends are so far apart across.
-
-    A path that goes v cells along the axis, on its way out and back taken together, is as long as
-    the octile distance of v and of the cells across at the least.
-    """
-    if longest == inf:
-        return slice(0, size)
-
-    most = longest - _DIAGONAL * across
-    if most < across:  # v, where more moves lead across than along
-        most = (longest - across) / _DIAGONAL
-
-    beyond = (most - abs(to - at)) / 2.0
-    first = max(floor(min(at, to) - beyond), 0)
-    cells = min(ceil(max(at, to) + beyond) + 1, size) - first
-    cells = min(-(-cells // _SIDE) * _SIDE, size)
-    first = min(first, size - cells)
-
-    return slice(first, first + cells)
+    if moves[goal] == OFF_PATH:
+        moves[goal] = WATCHED
 
 
-def _on_map(cells: Ints, window: tuple[slice, slice], shape: tuple[int, int]) -> Ints:
-    """Flat cells of a window as those of the map."""
-    across, along = window
-    column, row = np.divmod(cells, along.stop - along.start)
-    return np.asarray((column + across.start) * shape[1] + row + along.start)
+@compiled
+def _worth(
+    cell: tuple[int, int],
+    move: int,
+    cost: Floats,
+    to_go: Floats,
+    corner_cutting: bool,
+    lengths: Floats,
+) -> float:
+    """What it costs to go from a cell by a move, infinite where that is not possible."""
+    ahead = _ahead(cell, move)
+    if not _is_on_map(ahead, cost.shape):
+        return inf
+    is_cut = move % 2 == 1 and not corner_cutting
+    if is_cut and max(cost[cell[0], ahead[1]], cost[ahead[0], cell[1]]) == inf:
+        return inf
+
+    return float(lengths[move] * cost[ahead] + to_go[ahead])
 
 
-def _octile_to(cell: Cell, shape: tuple[int, int]) -> Floats:
-    """Octile distance of each cell of a map to one of them, ``(X, Y)``: a view."""
-    first = (shape[0] - 1 - cell[0], shape[1] - 1 - cell[1])
-    return _octile_table(shape)[first[0] : first[0] + shape[0], first[1] : first[1] + shape[1]]
+@compiled
+def _ahead(cell: tuple[int, int], move: int) -> tuple[int, int]:
+    return cell[0] + MOVES[move, 0], cell[1] + MOVES[move, 1]
 
 
-@lru_cache(maxsize=8)
-def _octile_table(shape: tuple[int, int]) -> Floats:
-    """Octile distances by how far cells are apart, from one end of a map to the other."""
-    apart = np.indices((2 * shape[0] - 1, 2 * shape[1] - 1)) - np.reshape(shape, (2, 1, 1)) + 1
-    return frozen(octile_distance(np.moveaxis(apart, 0, -1)))
+@compiled
+def _is_on_map(cell: tuple[int, int], shape: tuple[int, int]) -> bool:
+    return 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1]
 
 
-class MoveGraph(NamedTuple):
-    """All moves over a map of X * Y open cells: edge 8 n + m is move m out of cell n.
-
-    A move off the map is infinitely long, and leads back to where it begins.
-    """
-
-    edges: csr_array  # (X * Y, X * Y), lengths in cells
-    into: Ints  # (X * Y, 8): edges into each cell
-    past: Ints  # (X * Y, 8): diagonal edges that pass beside each cell
-
-
-@lru_cache(maxsize=128)
-def move_graph(shape: tuple[int, int]) -> MoveGraph:
-    """The graph of a map of that shape."""
-    check_memory(f"a map of {shape} cells: the graph of its moves", float(_BYTES * prod(shape)))
-    cells = np.arange(prod(shape))[:, None]  # (X * Y, 1)
-    moves = np.arange(8)
-    out = 8 * cells + moves  # (X * Y, 8)
-
-    there = cells_at(cells, shape) + MOVES  # (X * Y, 8, 2)
-    is_on_map = ((there >= 0) & (there < shape)).all(axis=-1)  # (X * Y, 8)
-    ahead = np.where(is_on_map, flat_cells(there, shape), cells)
-    lengths = np.where(is_on_map, MOVE_LENGTHS, inf)
-
-    # From each cell ahead, the move back; and from those ahead of straight moves, the diagonals
-    # that pass. In place of those from off the map, the move that leads there.
-    into = np.where(is_on_map, 8 * ahead + (moves + 4) % 8, out)
-    straight = slice(0, 8, 2)
-    past = [
-        np.where(is_on_map, 8 * ahead + (moves + turn) % 8, out)[:, straight] for turn in (3, 5)
-    ]
-
-    index = np.dtype(np.int32 if out.size < 2**31 else np.int64)
-    rows = np.arange(0, out.size + 1, 8, dtype=index)
-    arrays = (lengths.ravel(), ahead.ravel().astype(index), rows)
-    graph = MoveGraph(csr_array(arrays, shape=(cells.size,) * 2), into, np.concatenate(past, 1))
-    freeze(*arrays, graph.into, graph.past)
-
-    return graph
+@compiled
+def _octile(one: tuple[int, int], other: tuple[int, int]) -> float:
+    """The length in cells of a shortest path without obstacles."""
+    apart = abs(one[0] - other[0]), abs(one[1] - other[1])
+    return max(apart) + _DIAGONAL * min(apart)

@@ -2,24 +2,20 @@
 a patch.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies.path_plan import PathPlan, plan_path
+from agents.policies.path_plan import OFF_PATH, Moves, plan_paths
 from irs_gym.grid import MOVES, flat_cells
 from irs_gym.mdp.packing import Packing
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-Moves = NDArray[np.int8]
-
-_OFF_PATH = np.int8(-1)
-_WATCHED = np.int8(-2)  # no cell of the path, but one that it depends on
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +30,8 @@ class ReplannerState:
     border
         b.
     moves
-        int8, shape ``(n, X * Y)``: the moves in the cells of their paths, less than 0 in others:
-        -2 in those that the paths depend on, -1 in the rest.
-    bounds
-        Of the latest plan of each, see `agents.policies.path_plan.PathPlan`; None before it.
+        int8, shape ``(n, X * Y)``: those of their paths, as `agents.policies.path_plan.plan_paths`
+        has them.
     cells, goals
         Flat cells ``(n,)``: where they were at the last step, and where they go.
     """
@@ -45,7 +39,6 @@ class ReplannerState:
     floor: Bools
     border: int
     moves: Moves
-    bounds: Sequence[NDArray[np.float64] | None]
     cells: Ints
     goals: Ints
 
@@ -107,37 +100,21 @@ class Replanner:
             floor.reshape(-1)[places] = False
             robot, i, j = np.unravel_index(places, floor.shape)
             on_map = (i - self._border) * self.shape[1] + j - self._border
-            needs_path[robot[old.moves[robot, on_map] != _OFF_PATH]] = True
+            needs_path[robot[old.moves[robot, on_map] != OFF_PATH]] = True
 
         # A path holds until then, or until the robot is elsewhere.
         moves = old.moves
-        bounds = old.bounds
-        actions = moves[robots, cells]  # (n,)
-        needs_path |= actions < 0
+        needs_path |= moves[robots, cells] < 0
         if needs_path.any():
             moves = moves.copy()
-            bounds = list(bounds)
+            inner = slice(self._border, -self._border)
+            cost = np.where(floor[needs_path, inner, inner], 1.0, np.inf)
+            moves[needs_path] = plan_paths(
+                cost, cells[needs_path], goals[needs_path], self.corner_cutting
+            )
 
-            for n in np.flatnonzero(needs_path).tolist():
-                known = bounds[n] if goals[n] == old.goals[n] else None
-                plan = self._plan(floor[n], int(cells[n]), int(goals[n]), known)
-                moves[n] = _OFF_PATH
-                moves[n, plan.watched] = _WATCHED
-                moves[n, plan.cells] = plan.moves
-                bounds[n] = plan.bounds
-
-            actions = moves[robots, cells]
-
-        new = ReplannerState(floor, self._border, moves, bounds, cells, goals)
-        return actions.astype(np.int64).reshape(decoded.cell.shape), new
-
-    def _plan(
-        self, floor: Bools, cell: int, goal: int, bounds: NDArray[np.float64] | None
-    ) -> PathPlan:
-        inner = slice(self._border, -self._border)
-        start = divmod(cell, self.shape[1])
-        end = divmod(goal, self.shape[1])
-        return plan_path(floor[inner, inner], start, end, self.corner_cutting, bounds)
+        new = ReplannerState(floor, self._border, moves, cells, goals)
+        return moves[robots, cells].astype(np.int64).reshape(decoded.cell.shape), new
 
     def _closed(self, old: ReplannerState, cells: Ints, views: Bools) -> Ints:
         """Places in the array of floors that turn out to be closed."""
@@ -158,22 +135,22 @@ class Replanner:
         floor = np.zeros((robots, *self._frame), dtype=bool)
         inner = slice(self._border, -self._border)
         floor[:, inner, inner] = True
-        moves = np.full((robots, self.shape[0] * self.shape[1]), _OFF_PATH)
+        moves = np.full((robots, prod(self.shape)), OFF_PATH, dtype=np.int8)
         nowhere = np.full(robots, -1)
 
-        return ReplannerState(floor, self._border, moves, [None] * robots, nowhere, nowhere)
+        return ReplannerState(floor, self._border, moves, nowhere, nowhere)
 
     def _forget(self, old: ReplannerState, robots: Bools) -> ReplannerState:
         """Nothing known by these robots."""
         blank = self._blank(1)
-        return ReplannerState(
-            np.where(robots[:, None, None], blank.floor, old.floor),
-            self._border,
-            np.where(robots[:, None], blank.moves, old.moves),
-            [None if begins else each for begins, each in zip(robots, old.bounds, strict=True)],
-            np.where(robots, blank.cells, old.cells),
-            np.where(robots, blank.goals, old.goals),
-        )
+        floor = old.floor.copy()
+        moves = old.moves.copy()
+        cells = np.where(robots, blank.cells, old.cells)
+        goals = np.where(robots, blank.goals, old.goals)
+        floor[robots] = blank.floor
+        moves[robots] = blank.moves
+
+        return ReplannerState(floor, self._border, moves, cells, goals)
 
     # --- places: cells of all floors, each with its border, one behind the other ------------------
 

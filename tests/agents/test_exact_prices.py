@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from tiny_pool import tiny_pool
-from torch.nn.functional import conv2d, pixel_shuffle, pixel_unshuffle
+from torch.nn.functional import conv2d, pad, pixel_shuffle, pixel_unshuffle
 
 from agents.networks.explorer import (
     LEAST_EXTRA,
@@ -25,11 +25,13 @@ from agents.networks.map_network import (
     unpack_network,
 )
 from agents.networks.planner import (
+    UNREACHED,
     dijkstra_search,
+    neighbours,
     value_iteration,
-    value_iteration_over_cells,
 )
 from agents.policies.explorer_policy import Explorer, decode_local
+from agents.policies.path_plan import OFF_PATH, are_cut_off, plan_paths
 
 
 def learned(width: int) -> ExplorerNetwork:
@@ -118,23 +120,45 @@ def test_cells_around_a_map_change_no_price():
     assert found.isfinite().all()
 
 
-def test_a_search_for_one_cell_of_each_map_is_exact_as_far_as_from_there():
+@pytest.mark.parametrize("closed", [0.3, 0.9])
+def test_a_path_takes_the_moves_of_value_iteration(closed):
+    """To the last digit of single precision, through walls as well where it must."""
     rng = torch.Generator().manual_seed(1)
     cost = 1.0 + torch.rand((12, 30, 30), generator=rng)
-    cost[torch.rand(cost.shape, generator=rng) < 0.3] = 1e6
-    goals = torch.randint(900, (12,), generator=rng)
+    cost[torch.rand(cost.shape, generator=rng) < closed] = 1e6
+    starts, goals = torch.randint(900, (2, 12), generator=rng)
     is_goal = torch.nn.functional.one_hot(goals, 900).bool().view(12, 30, 30)
-    moves = costs_of_moves(cost)
-    whole = value_iteration(moves, is_goal)
-    np.testing.assert_allclose(whole, dijkstra_search(moves, is_goal).float(), rtol=1e-5)
-    for cells in (goals, (goals + 35) % 900, torch.randint(900, (12,), generator=rng)):
-        found = value_iteration_over_cells(cost, is_goal, cells)
-        reach = whole.flatten(1).gather(1, cells[:, None])[..., None]
-        is_near = whole <= reach
-        assert torch.equal(found[is_near], whole[is_near])
-        assert (found >= whole).all()
-    early = value_iteration_over_cells(cost, is_goal, goals)
-    assert not torch.equal(early, whole)  # it ended sooner
+    costs = costs_of_moves(cost)
+    to_go = value_iteration(costs, is_goal)
+    np.testing.assert_allclose(to_go, dijkstra_search(costs, is_goal).float(), rtol=1e-5)
+    ahead = neighbours(pad(to_go, (1, 1, 1, 1), value=UNREACHED))
+    expected = (costs + torch.stack(ahead, dim=1)).flatten(2).numpy().argmin(axis=1)  # (12, 900)
+    moves = plan_paths(cost.numpy(), starts.numpy(), goals.numpy())
+    is_path = moves >= 0
+    np.testing.assert_array_equal(moves[is_path], expected[is_path])
+    assert is_path[np.arange(12), starts].all()
+    assert is_path.sum() > 12 * 5
+
+
+def test_moves_that_are_worse_by_no_more_than_a_tie_are_taken_first():
+    cost = np.ones((1, 3, 3), dtype=np.float32)
+    cost[0, 1, 0] = 1.001  # east of the start, which is not the shortest way to the northeast
+    to = np.array([1 * 3 + 1])
+    assert plan_paths(cost, np.array([0]), to, tie=0.0)[0, 0] == 1
+    assert plan_paths(cost, np.array([0]), to, tie=1.0)[0, 0] == 0
+
+
+def test_a_path_is_cut_off_by_what_is_closed_before_it_leaves_the_view():
+    moves = np.full((4, 9, 9), OFF_PATH, dtype=np.int8)
+    moves[:, 1:6, 4] = 0  # east, from (1, 4) to the goal at (6, 4)
+    cells = np.full(4, 3 * 9 + 4)
+    is_closed = np.zeros((4, 5, 5), dtype=bool)  # (3, 4) is in the middle
+    is_closed[0, 4, 2] = True  # (5, 4)
+    is_closed[1, 0, 2] = True  # (1, 4), which it has left behind
+    is_closed[2, 3, 3] = True  # (4, 5), beside the path
+    moves[3] = OFF_PATH
+    is_closed[3] = True
+    assert are_cut_off(moves, cells, is_closed).tolist() == [True, False, False, False]
 
 
 def test_a_robot_takes_the_first_of_the_best_moves_of_its_plan():

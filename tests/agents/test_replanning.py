@@ -9,7 +9,7 @@ import pytest
 from tiny_pool import tiny_pool
 
 from agents.policies.heuristics import REFERENCE_POLICIES, oracle, replanning
-from agents.policies.path_plan import plan_path
+from agents.policies.path_plan import OFF_PATH, WATCHED, plan_paths
 from agents.policies.replanning import Replanner
 from agents.rollout.episode import roll_out
 from agents.rollout.scene_set import roll_out_scene_set
@@ -199,28 +199,58 @@ def test_a_robot_that_is_moved_off_its_path_plans_from_where_it_is():
         begins = terminated | truncated
 
 
+def open_cells(rng: np.random.Generator) -> np.ndarray:
+    return rng.random(rng.integers(2, 14, size=2)) < rng.choice([0.5, 0.7, 0.9])
+
+
+def plan_over(is_open: np.ndarray, start: int, goal: int, corner_cutting: bool) -> np.ndarray:
+    cost = np.where(is_open, 1.0, np.inf)[None]
+    return plan_paths(cost, np.array([start]), np.array([goal]), corner_cutting)[0]
+
+
 @pytest.mark.parametrize("corner_cutting", [True, False])
-def test_bounds_of_a_plan_are_never_above_the_distances_to_go(corner_cutting):
-    """Cells close one after the other, as a robot would see them, and it moves on."""
+def test_a_path_takes_the_moves_of_a_search_over_the_whole_map(corner_cutting):
     rng = np.random.default_rng(1)
-    is_open, goal, bounds = np.ones((11, 13), dtype=bool), (9, 11), None
-    planner = PlansAnew(is_open.shape, 1, corner_cutting)
-    for _ in range(60):
-        cell = tuple(rng.integers((11, 13)).tolist())
-        is_open[cell] &= cell == goal
-        start = tuple(rng.integers((11, 13)).tolist())
-        plan = plan_path(is_open, start, goal, corner_cutting, bounds)
-        bounds = plan.bounds
-        expected = planner._moves(is_open, goal[0] * 13 + goal[1])
-        np.testing.assert_array_equal(plan.moves, expected[plan.cells])
-        if corner_cutting:
-            to_go = lengths(is_open, goal)
-            assert all(bounds[each] <= metres + 1e-9 for each, metres in to_go.items())
+    for _ in range(300):
+        is_open = open_cells(rng)
+        start, goal = rng.integers(is_open.size, size=2).tolist()
+        moves = plan_over(is_open, start, goal, corner_cutting)
+        expected = PlansAnew(is_open.shape, 1, corner_cutting)._moves(is_open, goal)
+        is_path = moves >= 0
+        np.testing.assert_array_equal(moves[is_path], expected[is_path])
+        assert is_path[start]
+
+
+@pytest.mark.parametrize("corner_cutting", [True, False])
+def test_a_path_depends_on_no_cell_that_it_does_not_tell(corner_cutting):
+    rng = np.random.default_rng(2)
+    seen = {True: 0, False: 0}
+    for _ in range(300):
+        is_open = open_cells(rng)
+        start, goal = rng.integers(is_open.size, size=2).tolist()
+        moves = plan_over(is_open, start, goal, corner_cutting)
+        for cell in np.flatnonzero(is_open.ravel() & (np.arange(is_open.size) != start)):
+            fewer = is_open.copy()
+            fewer.ravel()[cell] = False
+            is_same = np.array_equal(plan_over(fewer, start, goal, corner_cutting), moves)
+            if moves[cell] == OFF_PATH:
+                assert is_same
+            elif moves[cell] == WATCHED:
+                seen[is_same] += 1
+    assert seen[False]
+    assert not seen[True]  # nor does it tell others
 
 
 def test_a_goal_out_of_reach_has_a_plan_of_one_move():
     is_open = np.ones((6, 6), dtype=bool)
     is_open[3] = False
-    plan = plan_path(is_open, (0, 0), (5, 5))
-    assert plan.cells.tolist() == [0]
-    assert plan.moves.tolist() == [0]
+    moves = plan_over(is_open, 0, 35, True)
+    assert moves[0] == 0
+    assert (moves[1:] == OFF_PATH).all()
+
+
+def test_a_path_that_begins_at_its_goal_leads_out_and_back():
+    moves = plan_over(np.ones((3, 3), dtype=bool), 4, 4, True).reshape(3, 3)
+    assert moves[1, 1] == 0
+    assert moves[2, 1] == 4
+    assert (moves >= 0).sum() == 2

@@ -380,7 +380,12 @@ def test_sweep_that_is_killed_goes_on(tmp_path):
 def test_sweeps_over_many_scenes_hold_every_generalist_and_the_curve():
     plans = [
         Plan.load(SWEEPS / f"{name}.toml")
-        for name in ("generalisation", "generalisation-slow", "generalisation-sb3")
+        for name in (
+            "generalisation",
+            "generalisation-explorer",
+            "generalisation-slow",
+            "generalisation-sb3",
+        )
     ]
     configs = [config for plan in plans for config in plan.configs()]
     after = Plan.load(SWEEPS / "generalisation-then-ppo.toml")

@@ -1,7 +1,7 @@
 """`plan_paths`: cheapest paths over maps of which every cell has a cost, in compiled code."""
 
 from heapq import heappop, heappush
-from math import inf, sqrt
+from math import inf, prod, sqrt
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ _DIAGONAL = sqrt(2.0) - 1.0  # cells: what a diagonal move is longer by than a s
 _MARGIN = 1.001  # sums lose less by rounding, and ties less
 
 
-@compiled
 def plan_paths(
     cost: Floats, starts: Ints, goals: Ints, corner_cutting: bool = True, tie: float = 0.0
 ) -> Moves:
@@ -49,18 +48,21 @@ def plan_paths(
     Shape ``(n, X * Y)``: moves in the cells of the paths, `WATCHED` in others that these depend on
     (the goal and, without corner cutting, those beside diagonal moves), and `OFF_PATH` in the rest.
     Where no path leads to the goal, its only move is 0, in the start.
+
+    Raises
+    ------
+    ValueError
+        Where a start or a goal is not on the map.
     """
-    count, columns, rows = cost.shape
-    moves = np.full((count, columns, rows), OFF_PATH, dtype=np.int8)
-    lengths = MOVE_LENGTHS.astype(cost.dtype)
+    size = prod(cost.shape[1:])
+    for name, cells in (("starts", starts), ("goals", goals)):
+        if np.any(is_off := (cells < 0) | (cells >= size)):
+            raise ValueError(
+                f"{name}: cell {cells[is_off][0]} is not on a map of {cost.shape[1:]} cells, which "
+                f"are numbered from 0 to {size - 1}"
+            )
 
-    for n in range(count):
-        start = divmod(starts[n], rows)
-        goal = divmod(goals[n], rows)
-        to_go = _search(cost[n], start, goal, corner_cutting, lengths)
-        _follow(moves[n], to_go, cost[n], start, goal, corner_cutting, lengths, tie)
-
-    return moves.reshape(count, -1)
+    return _plan_paths(cost, starts, goals, corner_cutting, tie)
 
 
 @compiled
@@ -102,6 +104,21 @@ def are_cut_off(moves: Moves, cells: Ints, is_closed: Bools) -> Bools:
                 break
 
     return result
+
+
+@compiled
+def _plan_paths(cost: Floats, starts: Ints, goals: Ints, corner_cutting: bool, tie: float) -> Moves:
+    count, columns, rows = cost.shape
+    moves = np.full((count, columns, rows), OFF_PATH, dtype=np.int8)
+    lengths = MOVE_LENGTHS.astype(cost.dtype)
+
+    for n in range(count):
+        start = divmod(starts[n], rows)
+        goal = divmod(goals[n], rows)
+        to_go = _search(cost[n], start, goal, corner_cutting, lengths)
+        _follow(moves[n], to_go, cost[n], start, goal, corner_cutting, lengths, tie)
+
+    return moves.reshape(count, -1)
 
 
 @compiled
@@ -156,13 +173,19 @@ def _follow(
     worth = np.empty(8)
 
     for _ in range(cost.size):
+        least = inf
         for move in range(8):
             worth[move] = _worth(here, move, cost, to_go, corner_cutting, lengths)
-        if worth.min() == inf:
+            if not np.isnan(worth[move]):
+                least = min(least, worth[move])
+        if least == inf:
             moves[here] = 0
             return
 
-        move = int(np.argmax(worth <= worth.min() + tie))
+        move = 0
+        while not worth[move] <= least + tie:
+            move += 1
+
         moves[here] = move
         ahead = _ahead(here, move)
         if not corner_cutting:

@@ -140,6 +140,14 @@ def test_a_path_takes_the_moves_of_value_iteration(closed):
     assert is_path.sum() > 12 * 5
 
 
+def test_costs_that_are_no_numbers_lead_nowhere():
+    for shape in ((1, 1), (1, 5), (5, 5)):
+        cost = np.full((1, *shape), np.nan, dtype=np.float32)
+        moves = plan_paths(cost, np.array([0]), np.array([cost.size - 1]))
+        assert moves[0, 0] == 0
+        assert (moves[0, 1:] < 0).all()
+
+
 def test_moves_that_are_worse_by_no_more_than_a_tie_are_taken_first():
     cost = np.ones((1, 3, 3), dtype=np.float32)
     cost[0, 1, 0] = 1.001  # east of the start, which is not the shortest way to the northeast

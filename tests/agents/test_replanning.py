@@ -254,3 +254,22 @@ def test_a_path_that_begins_at_its_goal_leads_out_and_back():
     assert moves[1, 1] == 0
     assert moves[2, 1] == 4
     assert (moves >= 0).sum() == 2
+
+
+def test_a_cell_that_is_not_on_the_map_is_refused():
+    cost = np.ones((1, 3, 4))
+    for start, goal, said in (
+        (12, 0, "starts: cell 12"),
+        (0, -1, "goals: cell -1"),
+        (0, 10**12, "goals: cell 1000000000000"),
+    ):
+        with pytest.raises(ValueError, match=rf"{said} is not on a map of \(3, 4\) cells"):
+            plan_paths(cost, np.array([start]), np.array([goal]))
+
+
+def test_an_observation_of_a_place_off_the_map_is_refused():
+    env = gymnasium.make(RANDOM_ID, scenes=POOL, observation="flat", patch_radius=1)
+    observation, _ = env.reset(seed=0)
+    observation[-2:] = 7.0  # towards the goal
+    with pytest.raises(ValueError, match="goals: cell"):
+        Replanner(POOL.shape, 1).predict(observation)

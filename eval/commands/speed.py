@@ -50,7 +50,7 @@ RATIOS = (
     ("64 environments", OURS, "CartPole-v1", 2.5),
     ("one environment", CONTINUOUS, PENDULUM, 1.0),
     ("1,024 environments", CONTINUOUS, SYNC_PENDULUM, 20.0),
-    ("a policy in 64 environments", REPLANNING, ANEW, 5.0),
+    ("a policy in 64 environments", REPLANNING, ANEW, 10.0),
 )
 # race, ours, how many steps a second we say it makes
 LEAST_RATES = (("1,024 environments", CONTINUOUS, 1e6),)

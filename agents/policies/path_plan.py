@@ -16,7 +16,9 @@ Ints = NDArray[np.int64]
 Moves = NDArray[np.int8]
 
 OFF_PATH = -1
+"""In place of a move, in a cell that a path does not depend on."""
 WATCHED = -2
+"""In place of a move, in a cell that a path depends on, though it makes no move there."""
 _DIAGONAL = sqrt(2.0) - 1.0  # cells: what a diagonal move is longer by than a straight one
 _MARGIN = 1.001  # sums lose less by rounding, and ties less
 
@@ -67,7 +69,8 @@ def plan_paths(
 
 @compiled
 def are_cut_off(moves: Moves, cells: Ints, is_closed: Bools) -> Bools:
-    """Whether paths lead on through closed cells, before they first leave what is in view.
+    """Whether paths lead on through closed cells, before they first leave what is in view and in no
+    more than 2r + 1 moves.
 
     Parameters
     ----------

@@ -256,7 +256,8 @@ def _planes(margin: Floats, goals: Ints) -> Floats:
     """What the network sees of each cell of maps ``(B, X, Y)``, in the precision of the margins.
 
     The shape is ``(B, X, Y, 8)``, with cells off the map that make blocks whole: convolutions take
-    a third of the time where channels lie side by side in memory.
+    a third of the time where channels lie side by side in memory. The channels: whether it is
+    known, its margin, whether it is feasible, closed, the goal, on the map; and where the goal is.
     """
     count, columns, rows = margin.shape
     shape = (count, columns + columns % _BLOCK, rows + rows % _BLOCK, _PLANES)
@@ -268,7 +269,7 @@ def _planes(margin: Floats, goals: Ints) -> Floats:
         for i in range(columns):
             for j in range(rows):
                 sees = planes[n, i, j]
-                sees[5] = 1.0  # that it is on the map
+                sees[5] = 1.0
 
                 value = margin[n, i, j]
                 if not np.isnan(value):
@@ -276,7 +277,7 @@ def _planes(margin: Floats, goals: Ints) -> Floats:
                     sees[1] = value
                     sees[2 if value >= 0.0 else 3] = 1.0
 
-                # Where the goal is: a vector of length 1.
+                # A vector of length 1, and of length 0 at the goal.
                 length = np.float32(sqrt((goal_i - i) ** 2 + (goal_j - j) ** 2))
                 if length == 0.0:
                     sees[4] = 1.0

@@ -235,6 +235,6 @@ def _is_on_map(cell: tuple[int, int], shape: tuple[int, int]) -> bool:
 
 @compiled
 def _octile(one: tuple[int, int], other: tuple[int, int]) -> float:
-    """The length in cells of a shortest path without obstacles."""
+    """`irs_gym.grid.octile_distance` of two cells, which compiled code cannot call."""
     apart = abs(one[0] - other[0]), abs(one[1] - other[1])
     return max(apart) + _DIAGONAL * min(apart)

@@ -169,6 +169,17 @@ def test_a_path_is_cut_off_by_what_is_closed_before_it_leaves_the_view():
     assert are_cut_off(moves, cells, is_closed).tolist() == [True, False, False, False]
 
 
+def test_a_path_is_not_cut_off_by_what_is_closed_behind_its_goal():
+    cost = np.ones((1, 9, 9), dtype=np.float32)
+    start, goal = 1 * 9 + 4, 4 * 9 + 4
+    moves = plan_paths(cost, np.array([start]), np.array([goal])).reshape(1, 9, 9)
+    is_closed = np.ones((1, 11, 11), dtype=bool)  # the start is in the middle
+    is_closed[0, 5:9, 5] = False  # all but the path
+    assert not are_cut_off(moves, np.array([start]), is_closed).any()
+    is_closed[0, 8, 5] = True  # the goal itself
+    assert are_cut_off(moves, np.array([start]), is_closed).all()
+
+
 def test_a_robot_takes_the_first_of_the_best_moves_of_its_plan():
     pool = tiny_pool(6, (9, 7))
     policy = Explorer({"width": 8}, learned(8), pool.shape)
